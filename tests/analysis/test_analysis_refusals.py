@@ -45,7 +45,6 @@ BAD_VALUES: list[tuple[Callable[[], object], str]] = [
     (lambda: sp.equilibrium(SCENE, np.nan), "time = nan"),
     (lambda: sp.equilibrium(SCENE, shear=(0.0,)), "shear has shape (1,)"),
     (lambda: sp.equilibrium(SCENE, grip=(0, 0), shear=(0, 0)), "shear and grip: give one of them"),
-    (lambda: sp.equilibrium(SAMPLED), "SampledController"),
     (lambda: mapped({}), "axes has 0 entries: must have one or two"),
     (lambda: mapped({"grasped.mas": [1.0]}), 'did you mean "grasped.mass"'),
     (lambda: mapped({"grasped.mass": [2.0, 1.0]}), "mass'][1] = 1.0: must be greater than the"),

@@ -85,6 +85,7 @@ def test_the_radius_is_the_growth_of_the_linear_loop(name: str) -> None:
 def test_margins_are_where_the_loop_becomes_unstable() -> None:
     for scene, block in ((LOOPS["one block"], 0), (scene_of(camera(20.0, 0.3), SERVO), 0)):
         found = sp.loop(scene, block=block)
+        rest = sp.equilibrium(scene)  # louder targets would move it
         parts = [replace(one, outer=None) for _, one in scene.control.blocks()][::-1]  # type: ignore[union-attr]
         own = parts[block]
         for share, holds in ((0.999, True), (1.001, False)):
@@ -92,7 +93,8 @@ def test_margins_are_where_the_loop_becomes_unstable() -> None:
             later = {"delay": own.delay + share * found.delay_margin}
             for change in (louder, later):
                 parts[block] = replace(own, **change)
-                changed = sp.loop(replace(scene, control=sp.SampledController.cascade(parts)))
+                control = sp.SampledController.cascade(parts)
+                changed = sp.loop(replace(scene, control=control), rest)
                 assert (changed.spectral_radius < 1.0) == holds
     unstable = sp.loop(LOOPS["unstable"])
     assert unstable.spectral_radius > 1.001
@@ -124,7 +126,8 @@ def test_states_and_refusals() -> None:
     scene = LOOPS["camera"]
     one = sp.loop(scene)
     rest = sp.equilibrium(replace(scene, control=sp.Pid()))
-    assert sp.loop(scene, rest).spectral_radius == one.spectral_radius
+    again = sp.loop(scene, rest).spectral_radius
+    assert again == pytest.approx(one.spectral_radius, rel=1e-12)
     assert rest.state is not None
     begun = replace(
         scene,
@@ -139,7 +142,12 @@ def test_states_and_refusals() -> None:
     )
     state = sp.simulate(begun, 1e-4).state(0)
     assert sp.loop(scene, state).spectral_radius == pytest.approx(one.spectral_radius, rel=1e-6)
+    fast = replace(state, p=np.where(np.arange(9) == 5, -0.02, 0.0))
     for call, named in (
+        (
+            lambda: sp.loop(scene, fast),
+            r"state\.p\[5\] = -0\.02 m/s: must have settled, .* 0\.001 m/s",
+        ),
         (lambda: sp.loop(sp.Scene()), r"control=Pid.*loop needs a SampledController"),
         (lambda: sp.loop(scene, block=2), r"block = 2: must be at most 1"),
         (lambda: sp.loop(scene, rest.state), r"state\.controller = None: must have the torques"),

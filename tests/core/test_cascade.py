@@ -1,5 +1,6 @@
 """Cascades of discrete controllers: beside SciPy, with given draws, resumed, and in lanes."""
 
+import warnings
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 import softpinch as sp
 from ensembles import require_alone
 from sampled_blocks import PUSH, SAME, TURN, Block, drawn, under_held_torques
+from transforms import Units
 
 EYE, ZERO = np.eye(2), np.zeros((2, 2))
 # It moves the targets of the servo against the object's rotation, by proportion and integral.
@@ -317,3 +319,106 @@ def test_files_and_bad_blocks() -> None:
     state = sp.simulate(scene).state()
     with pytest.raises(ValueError, match=r"State\.controller"):
         sp.simulate(replace(scene, initial=state, control=SERVO))
+
+
+def test_a_block_with_a_lag_is_an_actuator_of_first_order() -> None:
+    """Its state follows the held output of the servo exactly, from sample to sample."""
+    period, time, step = 1e-4, 5e-3, 4.0
+    decay = np.exp(-period / time)
+    lag = sp.SampledController(
+        period, decay * EYE, (1 - decay) * EYE, EYE, measures=("target",), initial_torque=(0.0, 0.0)
+    )
+    command = sp.SampledController(1e-3, D=step * EYE, measures=("target",), delay=2e-3)
+    scene = scene_of(sp.SampledController.cascade([command, lag]), disturbances=())
+    run = sp.simulate(scene, record=("state", "torque"))
+    rows = np.searchsorted(run.t, period * np.arange(390) - 1e-9)
+    # Superposition of the steps of the command, which acts 2 ms after each sample.
+    t, expected = run.t[rows], np.zeros((390, 2))
+    wanted = np.vstack([[0.0, 0.0], step * TURN.target(1e-3 * np.arange(37))])
+    for k, jump in enumerate(np.diff(wanted, axis=0)):
+        after = np.maximum(t - 2e-3 - 1e-3 * k, 0.0)
+        expected += jump * (1.0 - np.exp(-after / time))[:, None]
+    np.testing.assert_allclose(run.torque[rows], expected, rtol=1e-9, atol=1e-12)
+    assert np.ptp(run.torque[:, 0]) > 0.3
+
+
+@pytest.mark.parametrize("powers", [(3, -2, 5), (-4, 6, -7)])
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+def test_powers_of_two_scale_a_cascade_to_the_bit(
+    powers: tuple[int, int, int], contact: str
+) -> None:
+    units = Units(*powers)
+    time, torque = units.time, units.of(2, 1, -2)
+    late = {"loss": 0.3, "jitter": 2e-3, "dead_zone": 0.0}
+    control = cascade(late, {"jitter": 0.3e-3, "rate_limit": 500.0})
+    scene = scene_of(sp.Pid(), contact=contact, friction=0.3)  # type: ignore[arg-type]
+    times = ("period", "first_sample", "measure_delay", "delay", "jitter")
+
+    def scaled(block: sp.SampledController, **changes: Any) -> sp.SampledController:
+        return replace(block, outer=None, **{n: getattr(block, n) * time for n in times} | changes)
+
+    (_, servo), (_, camera) = control.blocks()
+    eyes = np.array([1.0, time / units.length, time / units.length, 1.0, 1.0])
+    other = sp.SampledController.cascade(
+        [
+            scaled(camera, B=camera.B * time, C=camera.C / time, D=camera.D * eyes),
+            scaled(
+                servo,
+                B=servo.B * time,
+                C=servo.C * torque / time,
+                D=servo.D * np.repeat([torque, torque * time], 2),
+                limits=servo.limits * torque,
+                initial_torque=np.array(servo.initial_torque) * torque,
+                rate_limit=500.0 * torque / time,
+            ),
+        ]
+    )
+    how: dict[str, Any] = {"record": ("state", "torque"), "formulation": "projected"}
+    run = sp.simulate(replace(scene, control=control), 1e-4, **how)
+    twin = sp.simulate(replace(units.scene(scene), control=other), 1e-4 * time, **how)
+    assert run.success and np.abs(run.q[:, 2]).max() > 1e-3
+    np.testing.assert_array_equal(twin.t, run.t * time)
+    np.testing.assert_array_equal(twin.q, run.q * units.coordinates)
+    np.testing.assert_array_equal(twin.p, run.p * units.coordinates / time)
+    np.testing.assert_array_equal(twin.torque, run.torque * torque)
+
+
+@pytest.mark.parametrize("runs", [2000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_random_loops_end_with_a_status_within_their_limits(runs: int) -> None:
+    rng = np.random.default_rng(3)
+    control = cascade(
+        {"limits": (-2.0, 2.0), "measure_noise": {"rotation": 1e-3}},
+        {"limits": (-3.0, 2.5), "anti_windup": True, "rate_limit": 1e3},
+    )
+    vary: dict[str, Any] = {
+        "grasped.mass": sp.Uniform(0.05, 0.2),
+        "control.loss": sp.Uniform(0.0, 0.9),
+        "control.jitter": sp.Uniform(0.0, 4e-4),
+        "control.outer.jitter": sp.Uniform(0.0, 9e-4),
+        "control.outer.loss": sp.Uniform(0.0, 0.9),
+    }
+    for path, low, high in (
+        ("period", 5e-4, 5e-3),
+        ("delay", 1e-5, 3e-2),
+        ("measure_delay", 1e-5, 3e-2),
+    ):
+        for block in ("control", "control.outer"):
+            vary[f"{block}.{path}"] = sp.LogUniform(max(low, 1e-3 * (path == "period")), high)
+    for block, inner in (("control", cascade()), ("control.outer", CAMERA)):
+        for name in "ABCD":
+            for place in np.ndindex(np.shape(getattr(inner, name))):
+                size = 10.0 ** rng.uniform(-3.0, 3.0, runs)
+                entry = ".".join(map(str, place))
+                vary[f"{block}.{name}.{entry}"] = size * rng.standard_normal(runs)
+    for contact in ("bilateral", "unilateral"):
+        scene = scene_of(control, contact=contact, friction=0.5, duration=0.01)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", sp.StabilityWarning)
+            found = sp.monte_carlo(
+                scene, vary=vary, seed=2, dt=2e-4, progress=False, summaries=("peak_torque",)
+            )
+        assert set(found.status) <= set(sp._core.STATUSES)
+        assert len(found.status) == runs
+        peaks = found["peak_torque"]
+        assert np.nanmax(peaks) == 3.0
+        assert (found.status == "completed").mean() > 0.05

@@ -1,5 +1,6 @@
 """`SampledController` as a record: its fields, files, and what it refuses."""
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -87,8 +88,18 @@ def test_scenes_refuse_what_does_not_fit() -> None:
         sp.Scene(control=PID, fingers="driven")
     with pytest.raises(ValueError, match="the controller's samples"):
         sp.simulate(sp.Scene(control=replace(PID, period=1e-9, delay=0.0), duration=1.0))
-    with pytest.raises(ValueError, match="samples under way"):
-        sp.simulate(sp.Scene(control=replace(PID, delay=1e3), duration=0.01))
+    late = replace(PID, delay=1e3, measure_delay=1.0)
+    for named, one in (
+        (r"control\.delay: measure_delay \+ delay are 1001000 periods of 0\.001 s; must", late),
+        (
+            r"control\.outer\.measure_delay: .* 20000",
+            sp.SampledController.cascade(
+                [replace(STATIC, measure_delay=20000 * STATIC.period), PID]
+            ),
+        ),
+    ):
+        with pytest.raises(ValueError, match=named):
+            sp.simulate(sp.Scene(control=one, duration=0.01))
     scene = sp.Scene(control=PID, duration=0.01)
     for call in (
         lambda: sp.evaluate(scene, 0.0, scene.start().q, np.zeros(9)),
@@ -105,8 +116,15 @@ def test_states_of_another_controller_are_refused() -> None:
     state = sp.simulate(scene).state()
     for other, named in (
         (replace(scene, control=sp.Pid()), r"Scene\.initial\.controller"),
-        (replace(scene, control=replace(PID, delay=9e-3)), r"State\.controller"),
-        (replace(scene, control=STATIC), r"State\.controller"),
+        (
+            replace(scene, control=replace(PID, delay=9e-3)),
+            r"State\.controller: 13 numbers instead of 27; must be a state of this controller",
+        ),
+        (replace(scene, control=STATIC), r"State\.controller: 13 numbers instead of 7"),
+        (
+            replace(scene, control=sp.SampledController.cascade([STATIC, PID])),
+            r"State\.controller: 13 numbers instead of 20",
+        ),
     ):
         with pytest.raises(ValueError, match=named):
             sp.simulate(replace(other, initial=state))
@@ -116,9 +134,10 @@ def test_states_of_another_controller_are_refused() -> None:
         ValueError, match=r"State\.controller = 9\.0.*within the controller's limits"
     ):
         sp.simulate(replace(scene, initial=strong))
-    late = replace(state, time=0.5)
-    with pytest.raises(ValueError, match="last sample"):
-        sp.simulate(replace(scene, initial=late))
+    begun = replace(state, controller=np.hstack([[0.3], np.zeros(12)]))
+    for other in (replace(state, time=0.5), begun):  # after the next sample; before the origin
+        with pytest.raises(ValueError, match="last sample"):
+            sp.simulate(replace(scene, initial=other))
 
 
 def test_studies_refuse_fields_that_cannot_vary() -> None:
@@ -128,3 +147,37 @@ def test_studies_refuse_fields_that_cannot_vary() -> None:
             sp.monte_carlo(scene, 2, vary={path: sp.Uniform(0.0, 1.0)}, progress=False)
     with pytest.raises(ValueError, match=r"run \d+: .*delay"):
         sp.monte_carlo(scene, vary={"control.delay": [1e-3, -1e-3]}, progress=False)
+
+
+def test_a_schedule_has_the_quantity_of_the_first_block() -> None:
+    """A camera passes target angles on to a servo; a loop of forces makes angles of forces."""
+    eye, none = np.eye(2), np.zeros((2, 2))
+    servo = sp.SampledController.pid(1e-3, 20.0, 0.2, 0.0)
+    camera = sp.SampledController(
+        0.03, D=np.hstack([[[1], [-1]], eye]), measures=("rotation", "target")
+    )
+    force = sp.SampledController(
+        0.01, D=np.hstack([-0.01 * eye, none, 0.01 * eye]), measures=("multipliers", "target")
+    )
+    passing = sp.SampledController(0.01, D=eye, measures=("target",))
+    newtons = sp.Schedule.steps([0.0], [[2.0, 2.0]])
+    for blocks, angles in (
+        ([servo], True),
+        ([camera, servo], True),
+        ([passing, camera, servo], True),
+        ([force, servo], False),
+        ([passing, force, servo], False),
+        ([passing], False),
+    ):
+        scene = sp.Scene(control=sp.SampledController.cascade(blocks), schedule=newtons)
+        assert scene.schedules_angles == angles
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            sp.simulate(replace(scene, duration=1e-3, contact="unilateral", friction=0.5))
+        assert any("schedule.angles" in str(one.message) for one in caught) == angles
+        units = scene.vary_paths()
+        assert units["schedule.angles.0.0"][1] == ("rad" if angles else "unknown")
+        assert units["control.D"][1] == "N m"
+        for name in ("C", "D", "limits", "initial_torque", "rate_limit"):
+            path = f"control.outer.{name}"
+            assert path not in units or units[path][1] == "unknown", path

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..run.stiffness import MEASURED
-from ..scene.control import WRITTEN, Pid, SampledController, Torque
-from ..scene.loop_matrix import MOST_UNDER_WAY, common_period, measured, spectral_radius
+from ..scene.control import WRITTEN, SampledController, Torque
+from ..scene.fields import RATE_UNITS
+from ..scene.loop_matrix import MOST_UNDER_WAY, common_period, factors, measured
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..support import checks
@@ -19,6 +20,8 @@ from .linearization import LinearModel, linearize
 from .rest import Equilibrium, equilibrium
 from .states import OUTPUTS
 
+# Larger rates of coordinates, m/s and rad/s, are those of a state that moves.
+_MOVES = np.where(np.array(RATE_UNITS) == "rad/s", 0.05, 1e-3)
 _NEUTRAL = 1e-8  # a radius that is above 1 by less is that of a mode that does not grow
 
 
@@ -51,9 +54,7 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
         scene: A scene with a `SampledController` whose blocks' periods have a common one. Delays
             take at most 50 periods of their block.
         state: Where the grasp rests: a state of its run that has settled, whose rates count as
-            zero, or the rest of the scene with another law. None finds that with the fingers at the
-            schedule's angles. Only laws with an integral bring them there; any other rests
-            elsewhere, with other margins, so give the state.
+            zero, or an `equilibrium` of the scene, also with another law. None finds the scene's.
         block: Place in the cascade of the block whose margins are computed; -1 is the last one.
     """
     checks.instance("scene", scene, Scene)
@@ -70,7 +71,8 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
     def radius(**changes: object) -> float:
         blocks[block] = replace(own, **changes)  # type: ignore[arg-type]
         found = measured(control, MEASURED, model.C, model.D)
-        return spectral_radius(SampledController.cascade(blocks), model.A, model.B, found)
+        whole = SampledController.cascade(blocks)
+        return float(np.abs(factors(whole, model.A, model.B, found)).max())
 
     gains = {name: np.asarray(getattr(own, name)) for name in "CD"}
     step, most = 0.5 * own.period, int(2.0 * (MOST_UNDER_WAY - own.delay / own.period))
@@ -101,9 +103,13 @@ def _model(scene: Scene, state: State | Equilibrium | None) -> LinearModel:
     if isinstance(state, State):
         if state.controller is None:
             raise ValueError("state.controller = None: must have the torques in force, as of a run")
+        k = int(np.argmax(np.abs(state.p) / _MOVES))
+        if abs(state.p[k]) > _MOVES[k]:
+            rule = f"must have settled, with at most {_MOVES[k]:g} {RATE_UNITS[k]}"
+            raise ValueError(f"state.p[{k}] = {state.p[k]:.4g} {RATE_UNITS[k]}: {rule}")
         torque = state.controller[3:5]
     else:
-        rest = equilibrium(replace(scene, control=Pid())) if state is None else state
+        rest = equilibrium(scene) if state is None else state
         checks.instance("state", rest, Equilibrium, "a State, an Equilibrium or None")
         if rest.state is None:
             raise ValueError(f"loop: {rest.message}")

@@ -12,13 +12,14 @@ from .. import _core
 from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.contact import coefficients
-from ..scene.control import require_known_torque
+from ..scene.control import SampledController
 from ..scene.parts import branches
 from ..scene.scene import Scene, State
 from ..scene.svg import drawings
 from ..support import checks
 from ..support.arrays import Complexes, Floats
 from ..support.result import Result
+from .sampled_rest import sampled_eigenvalues, sampled_rest
 from .states import kept, linear_at, shears_by_pose, state_names, without_shears
 
 # The violations that a tip which can slip and open does not stand at rest.
@@ -42,7 +43,7 @@ class Equilibrium(Result):
         time: The instant whose inputs hold, s.
         state: The state at rest, from which `simulate` can start; None if there is none. A run
             stays there while the inputs keep the values of `time`; driven fingers that move at
-            `time` cannot start at rest.
+            `time` cannot start at rest. A `SampledController` starts anew at `time`.
         status: "at_rest", or why there is no equilibrium: "apart" (the tips do not reach the
             object unless it is turned between them), "overloaded" (the object is too heavy, or
             pushed too hard), "separated", "crushed" or "folded" (a tip leaves the range of the
@@ -59,12 +60,15 @@ class Equilibrium(Result):
             theta, and the same with sin(theta) in y and theta.
         eigenvalues: Eigenvalues of the linearised motion with its fingers (N,), 1/s, by their real
             parts, largest first. The two zeros of the family come first of all. Integrals of a PID
-            with K_I = 0, which drive nothing, are left out.
+            with K_I = 0, which drive nothing, are left out. Of a `SampledController` they are
+            ln(f) / period, of the factors f by which deviations grow in the common period of its
+            blocks; nan if it has none (`sp.loop`).
         stable: Whether the other eigenvalues have negative real parts: the grasp comes to rest
             again after a small push.
         minimum: Whether elastic energy and gravity have a minimum along every displacement that
             the no-slip constraint admits. Fingers that are not held are displaced too; K_P then
-            counts as a spring, a torque of the schedule as a constant force.
+            counts as a spring, a torque of the schedule as a constant force. A
+            `SampledController` holds the fingers.
         neutral: The derivatives of q along the family by the grip of the right and left tip (2, 9).
         grip: Where each tip holds the object's face (2,), m above the centre of gravity: there its
             middle would be, if it were turned upright without shear.
@@ -143,7 +147,8 @@ def equilibrium(
     The forces balance at p = 0: f_5 - Phi_5^T f_d = 0 on the null space of Phi (docs/equilibria.md,
     "The equations"). Fingers with integral action and driven fingers stand at their targets. A PID
     without K_I gives way until its torque balances, and fingers with `Torque()` until the
-    schedule's torque does.
+    schedule's torque does. A `SampledController` rests where its own equations at rest, and the
+    balance of its torques, have one solution; noise, resolution and dead zones are left out.
 
     The equilibria of a scene are a family with two parameters. `grip`, `shear` or `near` says which
     one is meant; by default both tips hold the object at the height of its centre of gravity.
@@ -163,11 +168,10 @@ def equilibrium(
             gravity (`Equilibrium.grip`).
 
     Raises:
-        ValueError: Both `shear` and `grip` are given, or the scene has a `SampledController`, whose
-            torques depend on the run.
+        ValueError: Both `shear` and `grip` are given, or the scene's `SampledController` has no
+            unique rest, as without gains on angles.
     """
     checks.instance("scene", scene, Scene)
-    require_known_torque(scene.law, "equilibrium")
     if shear is not None and grip is not None:
         raise ValueError("shear and grip: give one of them, each chooses the member of the family")
     # The coordinates at which the search begins, and their instant.
@@ -190,8 +194,15 @@ def equilibrium(
         kind, member = "grip", checks.array("grip", grip, (2,))
     else:
         kind, member = ("grip", np.zeros(2)) if start is None else ("from", start)
-    found = rest_scene(scene, instant).equilibrium(kind, member, start)
-    return from_core(scene, instant, found, kind, member)
+    control = scene.control
+    if not isinstance(control, SampledController):
+        found = rest_scene(scene, instant).equilibrium(kind, member, start)
+        return from_core(scene, instant, found, kind, member)
+    found, row, message = sampled_rest(scene, control, instant, kind, member, start)
+    if message:
+        status = "not_found" if found["status"] == "at_rest" else found["status"]
+        return _no_equilibrium(scene, instant, status, message, kind, member)
+    return from_core(scene, instant, found, kind, member, row)
 
 
 def last_instant(scene: Scene) -> float:
@@ -200,8 +211,10 @@ def last_instant(scene: Scene) -> float:
     return max(begin + scene.duration, scene.schedule.end)
 
 
-def from_core(scene: Scene, time: float, found: Any, kind: str, member: Floats) -> Equilibrium:
-    """Makes an `Equilibrium` from the core's result of a search for a member of the family."""
+def from_core(
+    scene: Scene, time: float, found: Any, kind: str, member: Floats, row: Floats | None = None
+) -> Equilibrium:
+    """Makes an `Equilibrium` from the core's result of a search, and `State.controller`."""
     status = found["status"]
     if status != "at_rest":
         return _no_equilibrium(scene, time, status, found["message"], kind, member)
@@ -215,10 +228,15 @@ def from_core(scene: Scene, time: float, found: Any, kind: str, member: Floats) 
     if not np.isfinite(found["integral"]).all():
         words = "the PID's integral overflows"
         return _no_equilibrium(scene, time, "not_found", words, kind, member)
-    state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
-    eigenvalues = _eigenvalues(scene, state)
-    growing = eigenvalues[2:].real.max()
-    known = np.abs(eigenvalues).max() * ROUND_OFF
+    control = scene.control
+    if isinstance(control, SampledController):
+        state = State(found["q"], time=time, controller=row)
+        eigenvalues, known = sampled_eigenvalues(scene, control, state, found["torque"])
+    else:
+        state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)
+        eigenvalues = _eigenvalues(scene, state)
+        known = np.abs(eigenvalues).max() * ROUND_OFF
+    growing = eigenvalues[2:].real.max(initial=-np.inf)
     stable = bool(growing < -known)
     return Equilibrium(
         scene=scene,
@@ -270,7 +288,7 @@ def _message(growing: float, known: float, violations: tuple[str, ...]) -> str:
     elif np.isfinite(growing):
         words = ["at rest; whether the slowest deviation grows or decays is hidden by round-off"]
     else:
-        words = ["at rest; whether it is stable is not known, because an eigenvalue overflows"]
+        words = ["at rest; whether it is stable is not known, because eigenvalues are not finite"]
     return "; ".join([*words, *(_WORDS[name] for name in violations if name in _WORDS)])
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from .. import _core
 from ..scene import SampledController, Schedule
 from ..scene.contact import without_drift
-from ..scene.loop_matrix import common_period, measured, spectral_radius
+from ..scene.loop_matrix import common_period, factors, measured
 from ..scene.scene import Scene, inputs
 from ..support.arrays import Complexes, Floats
 from ..support.choices import Method
@@ -41,7 +41,7 @@ _STOPPED = ("completed", "interrupted", "too_many_steps")
 # The motion is linearised at this many rows of the run, of about so many.
 _LOOP_INSTANTS, _LOOP_ROWS = 9, 1000
 # The loop is named if a deviation has grown so much by the end of the run.
-_GROWN = 10.0
+GROWN = 10.0
 # Measure -> its rows among the core's linear outputs; targets have none.
 MEASURED: Mapping[str, list[int]] = {
     "angle": [3, 4],
@@ -192,7 +192,7 @@ def unstable(request: Request, status: str, end: float) -> str | None:
     names = ("t", "q", "p", "torque")
     radii = [radius(scene, *(motion[name][row] for name in names)) for row in rows]
     found = float(np.median(radii)) if radii else math.nan
-    if not math.log(max(found, 1.0)) * lasted / period >= math.log(_GROWN):
+    if not math.log(max(found, 1.0)) * lasted / period >= math.log(GROWN):
         return None
     return (
         f'the run ended as "{status}" at t = {end:.4g} s, and the likely cause is its '
@@ -214,4 +214,4 @@ def radius(scene: Scene, t: float, q: Floats, p: Floats, torque: Floats) -> floa
         np.array([t]), q[None], p[None], np.zeros((1, 2)), inputs=held, whole=True, open_loop=True
     )
     a, b, c, d = plant["A"][0], plant["B"][0][:, :2], plant["C"][0], plant["D"][0][:, :2]
-    return spectral_radius(control, a, b, measured(control, MEASURED, c, d))
+    return float(np.abs(factors(control, a, b, measured(control, MEASURED, c, d))).max())

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from ..support.arrays import Floats
+from ..support.arrays import Complexes, Floats
 from .control import SampledController
 from .parts import Jaw
 
@@ -53,10 +53,18 @@ def common_period(control: SampledController) -> tuple[float, str]:
     return common * last, ""
 
 
-def spectral_radius(
+def driving(block: SampledController) -> list[int]:
+    """Places of the states that drive an output, unlike those of a PD law made by `pid`."""
+    a, drive = np.asarray(block.A) != 0.0, np.any(block.C, axis=0)
+    for _ in a:
+        drive = drive | (drive @ a)
+    return np.flatnonzero(drive).tolist()
+
+
+def factors(
     control: SampledController, a: Floats, b: Floats, measures: Sequence[tuple[Floats, Floats]]
-) -> float:
-    """The spectral radius of the loop over `common_period`; nan if a number overflows.
+) -> Complexes:
+    """The factors of the loop's modes in a `common_period`; nan if a number overflows.
 
     The motion is x' = a x + b v (n, n), (n, 2), under the torques v. Each block, the last one
     first, measures h x + j v (m, n), (m, 2).
@@ -64,8 +72,8 @@ def spectral_radius(
     with np.errstate(all="ignore"):
         loop = _matrix(control, a, b, measures)
     if not np.isfinite(loop).all():
-        return math.nan
-    return float(np.abs(np.linalg.eigvals(loop)).max())
+        return np.full(len(loop), complex(np.nan, np.nan))
+    return np.linalg.eigvals(loop).astype(complex)
 
 
 def _matrix(
@@ -79,13 +87,12 @@ def _matrix(
     """
     blocks = [block for _, block in control.blocks()]
     period, tick = common_period(control)[0], SAME * min(block.period for block in blocks)
-    parts, instants, stop = [], [], len(a)
+    parts, instants, stop, drive = [], [], len(a), [driving(block) for block in blocks]
     for k, block in enumerate(blocks):
         delays = np.array([0.0, block.measure_delay, block.delay])
         late = (delays / block.period + SAME).astype(int)
-        # States that drive nothing, as of a PD law made by `pid`, are no part of the loop.
-        m, n = len(measures[k][0]), len(np.asarray(block.A)) * bool(np.any(block.C))
-        sizes = n, 2, 2 * late[2] + 2, (late[1] + 1) * m
+        m = len(measures[k][0])
+        sizes = len(drive[k]), 2, 2 * late[2] + 2, (late[1] + 1) * m
         ends = stop + np.cumsum([0, *sizes])
         parts.append([slice(*ends[i : i + 2]) for i in range(4)])
         stop = int(ends[-1])
@@ -118,10 +125,9 @@ def _matrix(
                 if sign and 1 - k < len(blocks):
                     y[first : first + 2] += sign * rows[parts[1 - k][1]]
                 first += _core.MEASURES[name]
-            own = [np.asarray(getattr(block, name)) for name in "ABCD"]
-            n = xi.stop - xi.start
-            u = own[2][:, :n] @ rows[xi] + own[3] @ y
-            rows[xi] = own[0][:n, :n] @ rows[xi] + own[1][:n] @ y
+            own, n = [np.asarray(getattr(block, name)) for name in "ABCD"], drive[-k]
+            u = own[2][:, n] @ rows[xi] + own[3] @ y
+            rows[xi] = own[0][np.ix_(n, n)] @ rows[xi] + own[1][n] @ y
             rows[outputs] = np.vstack([u, rows[outputs]])[: outputs.stop - outputs.start]
         else:
             rows[force] = rows[outputs][2 * late_by :][:2]
@@ -178,5 +184,5 @@ def growth(scene: Scene, control: SampledController) -> float:
     with np.errstate(all="ignore"):
         b[2:] = np.diag([1.0 / (f.mass if isinstance(f, Jaw) else f.inertia) for f in fingers])
     found = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
-    factor = spectral_radius(control, a, b, found)
+    factor = float(np.abs(factors(control, a, b, found)).max())
     return 0.0 if math.isnan(factor) else factor

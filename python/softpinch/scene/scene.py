@@ -448,9 +448,14 @@ class Scene(Record):
 
     @property
     def schedules_angles(self) -> bool:
-        """True if the schedule has angles: not torques, nor a controller's own quantity."""
+        """True if the schedule has angles: not torques, nor a controller's own quantity.
+
+        In a cascade these are the first block's, which may pass its targets on to the next ones.
+        """
         if isinstance(self.control, SampledController):
-            return "angle_error" in self.control.measures
+            blocks = [block for _, block in self.control.blocks()]
+            own = (block for block in blocks[::-1] if not block.passes_targets)
+            return "angle_error" in next(own, blocks[0]).measures
         return self.law != "torque"
 
     def _parameter(self, path: str) -> float:

@@ -1,5 +1,7 @@
 """Computing a study's runs, on threads or an executor, for results in memory or in a folder."""
 
+import contextlib
+import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -7,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..analysis.rest import equilibrium
 from ..run.request import Request
-from ..run.stiffness import is_explicit, too_long
+from ..run.stiffness import GROWN, is_explicit, too_long
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.errors import LostRunsWarning, StabilityWarning, warn
@@ -117,6 +120,7 @@ class Computation:
         results._under_way = f"at most {most} a {unit}"
         if results.runs and not results.interrupted and not self._warned:
             self._warn_of_steps(results)
+            self._warn_of_loop()
         if self.spec.check_dt and results.runs and not results.interrupted:
             self._check_dt(results)
         for run in self.spec.trajectories:
@@ -161,6 +165,18 @@ class Computation:
             what = f"run {run}, one of {failed.count} that did not complete"
         if text is not None:
             warn(f"{what}: {text}", StabilityWarning)
+
+    def _warn_of_loop(self) -> None:
+        """Says that the loop of the scene's sampled controller is unstable."""
+        scene = self.spec.scene
+        with contextlib.suppress(ValueError):  # there is no unique rest
+            growth = equilibrium(scene).growth if scene.law == "sampled" else 0.0
+            if growth * scene.duration > math.log(GROWN):
+                text = (
+                    "the loop of the scene's SampledController is unstable (sp.loop): a deviation"
+                )
+                advice = "lower the gains, or shorten the periods and delays"
+                warn(f"{text} grows with {growth:.4g} 1/s; {advice}", StabilityWarning)
 
     def _check_dt(self, results: Results) -> None:
         """Estimates the error of summaries and probabilities, from runs with smaller steps."""

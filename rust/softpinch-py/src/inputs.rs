@@ -11,7 +11,7 @@ use crate::convert::{GivenRow, GivenRows, collected, columns, entries, raise, re
 use softpinch::error::{Error, lookup};
 use softpinch::model::{
     FINGERS, Fingers, HandMotion, Impulse, Inputs as CoreInputs, MAX_DEGREE, MEASURES, Measure, Noise,
-    PiecewisePolynomial, SampledController, Sinusoid,
+    PiecewisePolynomial, Place, SampledController, Sinusoid,
 };
 
 /// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).
@@ -193,7 +193,7 @@ fn blocks(
             anti_windup: *anti_windup,
             key: [seed, 0],
             outer: None,
-            place: (0, [row[0], row[1]]),
+            place: Place::default(),
         })
     };
     Ok(Part(rows.rows().into_iter().map(one).collect()))

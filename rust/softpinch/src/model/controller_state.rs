@@ -5,6 +5,8 @@ use crate::error::{Error, Result, require};
 use crate::model::noise::normals;
 use crate::model::{FrameMotion, Measure, Motion, SampledController};
 
+const FIELD: &str = "State.controller";
+
 /// The state of one block of a controller: its clock, the torques in force, those under way, and xi.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControllerState {
@@ -57,11 +59,8 @@ impl ControllerState {
 
     /// The state from the numbers of [`row`](Self::row).
     pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self> {
-        const FIELD: &str = "State.controller";
         let refused = |rule| Error::shape(FIELD, format_args!("{} numbers", row.len()), rule);
-        if row.len() != controller.own_width() {
-            return Err(refused("must fit the controller's states and its samples under way"));
-        }
+        require_length(row, controller.own_width())?;
         let (head, rest) = row.split_at(5);
         let (xi, rest) = rest.split_at(controller.states());
         let (under_way, kept) = rest.split_at(2 * controller.under_way(controller.delay));
@@ -118,10 +117,10 @@ impl ControllerState {
         self.torque
     }
 
-    /// Whether the instant `t` is between the last sample and the next one.
+    /// Whether the instant `t` is between the last sample, or the start, and the next sample.
     pub fn holds_at(&self, controller: &SampledController, t: f64) -> bool {
-        let after = self.taken == 0 || controller.sampled(self.origin, self.taken - 1) <= t;
-        after && t <= controller.sampled(self.origin, self.taken)
+        let last = self.taken.checked_sub(1).map_or(self.origin, |k| controller.sampled(self.origin, k));
+        last <= t && t <= controller.sampled(self.origin, self.taken)
     }
 
     /// Whether a sample is to be taken at the instant `t`.
@@ -236,6 +235,13 @@ pub struct Kept {
 pub struct Scratch {
     measured: Vec<f64>,
     next: Vec<f64>,
+}
+
+/// Refuses the numbers of another controller's state.
+pub fn require_length(row: &[f64], needed: usize) -> Result {
+    let found = format_args!("{} numbers instead of {needed}", row.len());
+    let rule = "must be a state of this controller, with its states and its samples under way";
+    if row.len() == needed { Ok(()) } else { Err(Error::shape(FIELD, found, rule)) }
 }
 
 /// The entry of a sample among `length` outputs under way.

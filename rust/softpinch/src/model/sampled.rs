@@ -9,7 +9,7 @@
 
 use std::sync::Arc;
 
-use crate::error::{Error, Result, require, require_at_most};
+use crate::error::{Error, Result, brief, require, require_at_most};
 use crate::model::noise::{MOST_SAMPLES, normal, uniforms};
 use crate::model::{Measure, Rule};
 
@@ -69,9 +69,27 @@ pub struct SampledController {
     pub key: [u64; 2],
     /// The block before this one in a cascade.
     pub outer: Option<Arc<SampledController>>,
-    /// Number of blocks after this one, and period and first sample of the last one, s.
-    pub place: (u64, [f64; 2]),
+    /// What [`cascade`](Self::cascade) finds.
+    pub place: Place,
 }
+
+/// The place of a block in its cascade, and its instants after a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Place {
+    /// Number of blocks after this one.
+    after: u64,
+    /// Period and first sample of the last block, s.
+    grid: [f64; 2],
+    /// From a sample until its measurements are used and its torques act, and from the one until the other.
+    used: Delay,
+    acts: Delay,
+    waits: Delay,
+}
+
+/// A time, s, and its number of periods, if it is a multiple of them but for round-off. It then ends at a sample
+/// exactly, and after it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Delay(f64, Option<u64>);
 
 impl SampledController {
     /// The last one of these blocks, each of which gives the next its targets, with the run's number as its key.
@@ -81,12 +99,11 @@ impl SampledController {
             ([last.period, last.first_sample], [last.key[0], number], blocks.len() as u64);
         blocks.into_iter().fold(None, |outer, block| {
             after -= 1;
-            let same = outer.is_none() && after == 0 && block.key == key;
-            Some(if same {
-                block
-            } else {
-                Arc::new(Self { key, outer, place: (after, grid), ..(*block).clone() })
-            })
+            let SampledController { measure_delay, delay, .. } = *block;
+            let [used, acts, waits] =
+                [measure_delay, measure_delay + delay, delay].map(|time| block.of(time));
+            let place = Place { after, grid, used, acts, waits };
+            Some(Arc::new(Self { key, outer, place, ..(*block).clone() }))
         })
     }
 
@@ -111,7 +128,7 @@ impl SampledController {
     }
 
     fn check_own(&self) -> Result {
-        let control = format!("control{}", ".outer".repeat(self.place.0 as usize));
+        let control = format!("control{}", ".outer".repeat(self.place.after as usize));
         Rule::Positive.check(format_args!("{control}.period"), self.period)?;
         for (field, value, rule) in [
             ("first_sample", self.first_sample, Rule::NonNegative),
@@ -127,8 +144,12 @@ impl SampledController {
         let rule = "must be >= 0 and < 1";
         require((0.0..1.0).contains(&self.loss), format_args!("{control}.loss"), self.loss, rule)?;
         let under_way = (self.measure_delay + self.delay) / self.period;
-        let what = "the samples under way (delay / period)";
-        require_at_most(what, under_way, MOST_UNDER_WAY, "shorten the delay")?;
+        if under_way > MOST_UNDER_WAY {
+            let name = if self.delay < self.measure_delay { "measure_delay" } else { "delay" };
+            let found =
+                format_args!("measure_delay + delay are {} periods of {} s", brief(under_way), self.period);
+            return Err(Error::shape(format_args!("{control}.{name}"), found, "must be at most 10 000"));
+        }
         let (n, m) = (self.states(), self.inputs());
         for (field, values, length, rule) in [
             ("A", &self.a, n * n, Rule::Finite),
@@ -184,11 +205,11 @@ impl SampledController {
     /// The instant, or the sample of the last block that it is but for round-off, which else would set their order.
     #[inline(always)]
     fn snapped(&self, origin: f64, t: f64) -> f64 {
-        if self.place.0 == 0 { t } else { self.snapped_to_last(origin, t) }
+        if self.place.after == 0 { t } else { self.snapped_to_last(origin, t) }
     }
 
     fn snapped_to_last(&self, origin: f64, t: f64) -> f64 {
-        let (_, [period, first_sample]) = self.place;
+        let [period, first_sample] = self.place.grid;
         let first = origin + first_sample;
         let near = ((t - first) / period).round() * period + first;
         if near >= first && (t - near).abs() <= SAME * period { near } else { t }
@@ -205,26 +226,25 @@ impl SampledController {
     }
 
     pub(super) fn stream(&self) -> u64 {
-        STREAM - self.place.0
+        STREAM - self.place.after
     }
 
     pub(super) fn used(&self, origin: f64, number: u64) -> f64 {
-        self.later(origin, number, self.measure_delay)
+        self.later(origin, number, self.place.used)
     }
 
     /// The instant from which a sample's torques act.
     pub(super) fn applied(&self, origin: f64, number: u64) -> f64 {
-        match self.whole_periods(self.delay) {
+        match self.place.waits.1 {
             Some(periods) => self.used(origin, number + periods),
-            None if self.measure_delay == 0.0 => self.after(origin, number, self.delay),
-            None => self.later(origin, number, self.measure_delay + self.delay),
+            None => self.later(origin, number, self.place.acts),
         }
     }
 
-    fn later(&self, origin: f64, number: u64, delay: f64) -> f64 {
-        match self.whole_periods(delay) {
+    fn later(&self, origin: f64, number: u64, Delay(time, periods): Delay) -> f64 {
+        match periods {
             Some(periods) => self.sampled(origin, number + periods),
-            None => self.after(origin, number, delay),
+            None => self.after(origin, number, time),
         }
     }
 
@@ -233,27 +253,24 @@ impl SampledController {
         self.snapped(origin, self.sampled(origin, number) + delay)
     }
 
-    /// A delay in periods, if it is a multiple of them but for round-off. It then ends at a sample exactly, and after it.
-    fn whole_periods(&self, delay: f64) -> Option<u64> {
-        if delay == 0.0 || self.jitter > 0.0 {
-            return (delay == 0.0).then_some(0);
-        }
-        let periods = (delay / self.period + 0.5) as u64;
-        let whole = (delay - periods as f64 * self.period).abs() <= SAME * self.period;
-        whole.then_some(periods)
+    /// With jitter only no delay is a multiple of the period.
+    fn of(&self, time: f64) -> Delay {
+        let periods = (time / self.period + 0.5) as u64;
+        let off = (time - periods as f64 * self.period).abs();
+        let whole = time == 0.0 || (self.jitter == 0.0 && off <= SAME * self.period);
+        Delay(time, whole.then_some(periods))
     }
 
     /// The first instant after `t` at which a sample of a block is taken, is used, or acts.
     pub fn next_break(&self, origin: f64, t: f64) -> f64 {
         let of = |block: &Self| {
-            let (used, acts) = (block.measure_delay, block.measure_delay + block.delay);
-            let apart = |delay: f64| block.whole_periods(delay).is_none();
+            let Place { used, acts, waits, .. } = block.place;
             let mut first = block.first_after(origin, 0.0, t);
-            if apart(used) {
-                first = first.min(block.first_after(origin, used, t));
+            if used.1.is_none() {
+                first = first.min(block.first_after(origin, used.0, t));
             }
-            if apart(acts) && (used == 0.0 || apart(block.delay)) {
-                first = first.min(block.first_after(origin, acts, t));
+            if acts.1.is_none() && waits.1.is_none() {
+                first = first.min(block.first_after(origin, acts.0, t));
             }
             first
         };

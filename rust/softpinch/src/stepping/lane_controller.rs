@@ -6,7 +6,7 @@ use crate::error::{Result, require};
 use crate::formulation::Evaluation;
 use crate::model::{
     ControllerState, FrameMotion, Inputs, Kept, Known, Measure, Measured, Sampled, SampledController, Scene,
-    Scratch,
+    Scratch, require_length,
 };
 use crate::number::Lanes;
 use crate::stepping::{Instant, LaneContact, Options, column};
@@ -132,9 +132,7 @@ impl LaneController {
 
 /// The states of all blocks from the numbers of a row, with which a run goes on at `time`.
 fn states(controller: &SampledController, row: &[f64], time: f64) -> Result<Vec<ControllerState>> {
-    if row.len() != controller.width() {
-        ControllerState::from_row(controller, &[])?;
-    }
+    require_length(row, controller.width())?;
     let mut rest = row;
     let one = |block: &SampledController| {
         let (own, others) = rest.split_at(block.own_width());

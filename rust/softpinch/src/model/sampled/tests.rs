@@ -5,7 +5,7 @@ use crate::model::measures::Measure;
 
 /// A damped spring towards the targets.
 pub(crate) fn spring(period: f64, delay: f64) -> SampledController {
-    SampledController {
+    let block = SampledController {
         period,
         first_sample: 0.0,
         measure_delay: 0.0,
@@ -28,8 +28,15 @@ pub(crate) fn spring(period: f64, delay: f64) -> SampledController {
         dead_zone: vec![0.0; 4],
         key: [0; 2],
         outer: None,
-        place: (0, [period, 0.0]),
-    }
+        place: Place::default(),
+    };
+    placed(block)
+}
+
+/// A block alone.
+fn placed(block: SampledController) -> SampledController {
+    let whole = SampledController::cascade(vec![Arc::new(block)], 0);
+    whole.map(Arc::unwrap_or_clone).unwrap()
 }
 
 #[test]
