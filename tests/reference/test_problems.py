@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
+from softpinch.scene.fields import PARAMETERS
 from softpinch.support import toml
 
 ROOT = Path(__file__).parents[2] / "reference"
@@ -28,6 +29,34 @@ def facts(name: str) -> dict[str, Any]:
 
 def scene(name: str) -> sp.Scene:
     return sp.Scene.from_toml(toml.dumps(facts(name)["scene"], "scene"))
+
+
+def keys(values: Any, path: str = "") -> set[str]:
+    """The paths of a scene's keys, without indices, and with "right" for "left"."""
+    if isinstance(values, dict):
+        inner = {"right" if k == "left" else k: v for k, v in values.items()}
+        return {found for k, v in inner.items() for found in keys(v, f"{path}.{k}".strip("."))}
+    if isinstance(values, list) and values and isinstance(values[0], dict):
+        return {found for each in values for found in keys(each, path)}
+    return set() if values == [] else {path}
+
+
+def test_every_key_of_a_scene_has_a_line_with_its_symbol_and_unit() -> None:
+    lines = {}
+    for line in (ROOT / "README.md").read_text("utf-8").split("| key |")[1].splitlines():
+        if line.startswith("| `"):
+            cells = [cell.strip() for cell in line.strip("|").split("|")]
+            lines |= {name.strip("`"): cells for name in cells[0].split(", ")}
+    for name in NAMES:
+        assert keys(facts(name)["scene"]) <= set(lines)
+    known = {each.path: each for each in PARAMETERS}
+    greek = {"kappa": "κ", "mu": "μ"}
+    for key in set(lines) & set(known):
+        unit, symbol = known[key].unit, known[key].symbol
+        if isinstance(unit, str) and key != "schedule.angles":
+            assert lines[key][2] == unit
+        if symbol:
+            assert lines[key][1] == greek.get(symbol, symbol)
 
 
 def test_there_are_twenty_problems_in_less_than_2_megabytes() -> None:
