@@ -66,11 +66,16 @@ class MuJoCo:
     """
 
     def __init__(
-        self, options: dict[str, str], time_constant: float, step: float = creep.STEP
+        self,
+        options: dict[str, str],
+        time_constant: float,
+        step: float = creep.STEP,
+        text: str | None = None,
     ) -> None:
         import mujoco
 
-        text = creep.pinch(options, time_constant, CARRIAGE)
+        if text is None:
+            text = creep.pinch(options, time_constant, CARRIAGE)
         self._mujoco = mujoco
         self._model = mujoco.MjModel.from_xml_string(text)
         self._data = mujoco.MjData(self._model)
