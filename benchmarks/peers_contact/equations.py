@@ -7,6 +7,7 @@ includes theirs.
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from pathlib import Path
@@ -16,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import softpinch as sp
+
+from .grips import Held
 
 ROOT = Path(__file__).parents[2]
 sys.path += [str(ROOT / "reference"), str(ROOT / "tests")]
@@ -93,3 +96,30 @@ def siconos(name: str, steps: int) -> tuple[float, float, float]:
     end = moreau_jean.stepped(posed, mu if isinstance(mu, tuple) else (mu, mu), steps)  # type: ignore[arg-type]
     total, terms = end.spent
     return error(name, end.q, end.p), total, terms / total
+
+
+# Problems with jaws on a fixed base, and steps in a second, of which 0.1 s is a whole number.
+# The forces are those at a step's start, so the tips' viscosity bounds it to 2 m/c = 0.2 ms.
+SICONOS_GRIPS = ("01-rest", "02-rest-half", "03-held", "04-lost")
+SICONOS_RATE = 6670
+
+
+def siconos_grip(name: str, creep: tuple[float, float], duration: float) -> Held:
+    """What became of a grip by Siconos, whose faces do not end."""
+    from oracle import moreau_jean
+
+    posed = scene(name)
+    steps = round(duration * SICONOS_RATE)
+    posed = posed.with_({"duration": duration})
+    half = float(score.solution(name)[0]["scene"]["grasped"]["height"]) / 2
+    times = np.unique([*np.arange(0.05, duration, 0.05), *creep, duration])
+    at = np.unique(np.rint(times[times > 0] / duration * steps).astype(int))
+    found = moreau_jean.stepped(posed, (posed.friction,) * 2, steps, at.tolist())  # type: ignore[arg-type]
+    start = posed.start().q[1]
+    heights = np.concatenate([[start], found.rows[:, 1]])
+    seconds = np.concatenate([[0.0], at * duration / steps])
+    gone = np.abs(heights - start) > half
+    if gone.any():
+        return Held(math.nan, float(seconds[gone.argmax()]), found.spent[0])
+    before, after = np.searchsorted(seconds, np.minimum(creep, duration) - duration / steps)
+    return Held(float(abs(heights[after] - heights[before])), None, found.spent[0])
