@@ -71,6 +71,7 @@ class MuJoCo:
         time_constant: float,
         step: float = creep.STEP,
         text: str | None = None,
+        impedance: tuple[float, float] | None = None,
     ) -> None:
         import mujoco
 
@@ -81,6 +82,8 @@ class MuJoCo:
         self._data = mujoco.MjData(self._model)
         self._mass = float(self._model.body_mass.sum())
         self._model.opt.timestep = self.step = step
+        if impedance is not None:
+            self._model.geom_solimp[:, :2] = impedance
 
     def advance(self, x: float, y: float, steps: int = 1) -> None:
         # The object's weight and inertia are carried by the carriage, too.

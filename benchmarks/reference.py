@@ -61,12 +61,14 @@ def on_equations(quick: bool, missing: Mapping[str, str]) -> list[Rungs]:
             found.append(done)
         if "Siconos" in missing:
             continue
-        done = Rungs("Siconos, Moreau-Jean", problem)
-        for k in range(1 if quick else equations.SICONOS_DOUBLINGS + 1):
-            error, spent, _ = equations.siconos(problem, equations.SICONOS_STEPS[problem] * 2**k)
-            done.errors.append(error)
-            done.times.append(spent)
-        found.append(done)
+        for name, theta, iterated in equations.SICONOS:
+            done = Rungs(name, problem)
+            for k in range(1 if quick else equations.SICONOS_DOUBLINGS + 1):
+                steps = equations.SICONOS_STEPS[problem] * 2**k
+                error, spent = equations.siconos(problem, steps, theta, iterated)
+                done.errors.append(error)
+                done.times.append(spent)
+            found.append(done)
     return found
 
 

@@ -27,28 +27,31 @@ from creep import FACE, FRICTION, GRAVITY, MASS, STIFFNESS
 
 from . import tips
 
-# What MuJoCo's chapters on modelling and computation advise against slip: elliptic cones, a large
-# impratio, the noslip solver for a few iterations; and 4 to 10 ms for contacts that are crisp, at
-# least twice the step. Name, options, time constant of the contacts, s.
-_FIRM = {"cone": "elliptic", "impratio": "100"}
-MUJOCO: tuple[tuple[str, dict[str, str], float], ...] = (
-    ("defaults", {}, 0.02),
-    ("elliptic, impratio 1", {"cone": "elliptic", "impratio": "1"}, 0.02),
-    ("elliptic, impratio 10", {"cone": "elliptic", "impratio": "10"}, 0.02),
-    ("elliptic, impratio 100", _FIRM, 0.02),
-    ("elliptic, impratio 100, 4 ms", _FIRM, 0.004),
-    (
-        "elliptic, impratio 100, 4 ms, 3 noslip iterations",
-        {**_FIRM, "noslip_iterations": "3"},
-        0.004,
-    ),
+# What MuJoCo's documentation advises against slip: elliptic cones, a large impratio and Newton's
+# solver, its default, with a tolerance such as 1e-10 (Modeling, "Algorithms"); a larger impedance,
+# the first two numbers of solimp (Overview, "Softness and slip"); one to three iterations of the
+# noslip solver (Modeling, "Preventing slip"); a time constant of at least twice the step (Modeling,
+# "Reference"). Name, options, time constant of the contacts, s, and impedance.
+_FIRM = {"cone": "elliptic", "impratio": "100", "tolerance": "1e-10"}
+_NOSLIP = {**_FIRM, "noslip_iterations": "3"}
+MUJOCO: tuple[tuple[str, dict[str, str], float, tuple[float, float] | None], ...] = (
+    ("defaults", {}, 0.02, None),
+    ("elliptic, impratio 1", {**_FIRM, "impratio": "1"}, 0.02, None),
+    ("elliptic, impratio 10", {**_FIRM, "impratio": "10"}, 0.02, None),
+    ("elliptic, impratio 100", _FIRM, 0.02, None),
+    ("elliptic, impratio 100, 4 ms", _FIRM, 0.004, None),
+    ("elliptic, impratio 100, 4 ms, impedance 0.99", _FIRM, 0.004, (0.99, 0.999)),
+    ("elliptic, impratio 100, 4 ms, 3 noslip iterations", _NOSLIP, 0.004, None),
 )
 INTEGRATORS = ("implicitfast", "discrete")
 # Settings of the hand with the paper's tips.
-PAPER_TIPS = (MUJOCO[0], MUJOCO[3], MUJOCO[5])
+PAPER_TIPS = (MUJOCO[0], MUJOCO[3], MUJOCO[6])
 # The default step, and smaller ones for the chart, s.
 MUJOCO_STEPS = (0.002, 0.001, 0.0005)
-# Drake's approximations of contact in steps of equal length, of which "lagged" is the default.
+# Drake's approximations of contact in steps of equal length. "lagged" is the default, and what the
+# documentation of DiscreteContactApproximation prefers; the stiction tolerance is that of it and of
+# "similar". MultibodyPlantConfig's page says that SAP may soften stiff contacts, and to try a
+# near-rigid threshold of zero then: here the creep is the same to three digits.
 DRAKE: tuple[tuple[str, dict[str, Any]], ...] = (
     ("lagged (default)", {"discrete_contact_approximation": "lagged"}),
     (
@@ -174,11 +177,17 @@ def peers(missing: Mapping[str, str], step: int = 0) -> list[tuple[str, Callable
     make: Callable[[], Peer]
     if "MuJoCo" not in missing:
         for integrator in carry_peers.mujoco_integrators(INTEGRATORS):
-            for name, options, constant in MUJOCO:
+            for name, options, constant, impedance in MUJOCO:
                 settings = {"integrator": integrator, **options}
-                make = partial(carry_peers.MuJoCo, settings, constant, MUJOCO_STEPS[step])
+                make = partial(
+                    carry_peers.MuJoCo,
+                    settings,
+                    constant,
+                    MUJOCO_STEPS[step],
+                    impedance=impedance,
+                )
                 found.append((f"MuJoCo {integrator}, {name}", make))
-            for name, options, constant in PAPER_TIPS:
+            for name, options, constant, _ in PAPER_TIPS:
                 settings = {"integrator": integrator, **options}
                 make = partial(tips.PaperTips, settings, constant, MUJOCO_STEPS[step])
                 found.append((f"MuJoCo {integrator}, paper's tips, {name}", make))

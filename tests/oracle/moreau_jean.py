@@ -102,9 +102,16 @@ def _task(scene: Any, friction: tuple[float, float], steps: int) -> dict[str, An
 
 
 def stepped(
-    scene: Any, friction: tuple[float, float], steps: int, watched: Sequence[int] = ()
+    scene: Any,
+    friction: tuple[float, float],
+    steps: int,
+    watched: Sequence[int] = (),
+    theta: float = 1.0,
+    iterated: bool = False,
 ) -> Stepped:
     """Simulates a scene in equal steps by Siconos' Moreau-Jean scheme, first order in the step.
+
+    With theta = 1/2 and iterations it is of second order where no mode changes.
 
     Args:
         scene: As for `unilateral`; fingers under PID control, no impulses, endless faces. Its
@@ -113,11 +120,14 @@ def stepped(
         friction: mu (right, left).
         steps: How many.
         watched: After which of them the coordinates are wanted, in order.
+        theta: Share of a step's end in its forces.
+        iterated: Whether the forces of a step's end are iterated; else they are those of its start.
     """
     python = interpreter()
     if python is None:
         raise RuntimeError(MISSING)
-    task = {**_task(scene, friction, steps), "watched": list(watched)}
+    task = _task(scene, friction, steps)
+    task |= {"watched": list(watched), "theta": theta, "iterated": iterated}
     done = subprocess.run(
         [python, "-I", str(SCRIPT)], input=json.dumps(task), capture_output=True, text=True
     )

@@ -97,14 +97,16 @@ class Stepping:
         self.pinch.closed = self.linearise()
         for contact in self.contacts:
             self.model.link(contact, self.pinch)
-        self.scheme = sk.MoreauJeanOSI(1.0)
+        self.scheme = sk.MoreauJeanOSI(task["theta"])
         self.scheme.setConstraintActivationThreshold(threshold)
         # Impulses are of the step's size: a tolerance for forces would be far too loose.
         self.problem = sk.FrictionContact(2, sn.SICONOS_FRICTION_2D_LEMKE)
         self.problem.numericsSolverOptions().dparam[0] = 1e-14
         self.grid = sk.TimeDiscretisation(0.0, self.step)
         self.run = sk.TimeStepping(self.model, self.grid, self.scheme, self.problem)
-        self.run.setNewtonOptions(sk.SICONOS_TS_LINEAR)
+        linear, iterated = sk.SICONOS_TS_LINEAR, sk.SICONOS_TS_NONLINEAR
+        self.run.setNewtonOptions(iterated if task["iterated"] else linear)
+        self.run.setNewtonTolerance(1e-10)
         self.run.initialize()
 
     def linearise(self) -> list[bool]:
