@@ -134,7 +134,8 @@ def on_grips(quick: bool, missing: Mapping[str, str]) -> list[GripRow]:
             )
             for name in each
         }
-        rows.append(GripRow("Siconos, Moreau-Jean, 0.15 ms", 0, held))
+        limit = f"{equations.SICONOS_LIMIT:g} s at most"
+        rows.append(GripRow(f"Siconos, Moreau-Jean, 0.15 ms, {limit}", 0, held))
     for step in range(1 if quick else len(grips.MUJOCO_STEPS)):
         makers = grips.peers(missing, step)
         for name, make in makers[:: len(makers) - 1 or 1] if quick else makers:
