@@ -116,7 +116,7 @@ def run(rare: Rare) -> tuple[np.ndarray, np.ndarray]:
     found = study(rare, scene())
     force = -found["disturbances.0.force.1"]
     far, drawn = ((force - mean) / rare.deviation for mean in (rare.mean, rare.drawn))
-    return found["lost"].astype(bool), np.exp((drawn**2 - far**2) / 2)
+    return found.status == "lost", np.exp((drawn**2 - far**2) / 2)
 
 
 def above(rare: Rare, pairs: list[tuple[float, float]]) -> np.ndarray:
