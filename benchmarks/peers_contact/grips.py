@@ -44,7 +44,7 @@ MUJOCO: tuple[tuple[str, dict[str, str], float, tuple[float, float] | None], ...
     ("elliptic, impratio 100, 4 ms, 3 noslip iterations", _NOSLIP, 0.004, None),
 )
 INTEGRATORS = ("implicitfast", "discrete")
-# Settings of the hand with the paper's tips. Its steps are half as long: at 2 ms and implicitfast the
+# Settings of the hand with the paper's tips. Its steps are half as long: at 2 ms, implicitfast, the
 # cube of 01-rest rattles between their light surfaces, at 1 ms it rests.
 PAPER_TIPS = (MUJOCO[0], MUJOCO[3], MUJOCO[6])
 # The default step, and smaller ones for the chart, s.
