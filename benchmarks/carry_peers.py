@@ -66,16 +66,24 @@ class MuJoCo:
     """
 
     def __init__(
-        self, options: dict[str, str], time_constant: float, step: float = creep.STEP
+        self,
+        options: dict[str, str],
+        time_constant: float,
+        step: float = creep.STEP,
+        text: str | None = None,
+        impedance: tuple[float, float] | None = None,
     ) -> None:
         import mujoco
 
-        text = creep.pinch(options, time_constant, CARRIAGE)
+        if text is None:
+            text = creep.pinch(options, time_constant, CARRIAGE)
         self._mujoco = mujoco
         self._model = mujoco.MjModel.from_xml_string(text)
         self._data = mujoco.MjData(self._model)
         self._mass = float(self._model.body_mass.sum())
         self._model.opt.timestep = self.step = step
+        if impedance is not None:
+            self._model.geom_solimp[:, :2] = impedance
 
     def advance(self, x: float, y: float, steps: int = 1) -> None:
         # The object's weight and inertia are carried by the carriage, too.

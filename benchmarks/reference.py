@@ -61,12 +61,14 @@ def on_equations(quick: bool, missing: Mapping[str, str]) -> list[Rungs]:
             found.append(done)
         if "Siconos" in missing:
             continue
-        done = Rungs("Siconos, Moreau-Jean", problem)
-        for k in range(1 if quick else equations.SICONOS_DOUBLINGS + 1):
-            error, spent, _ = equations.siconos(problem, equations.SICONOS_STEPS[problem] * 2**k)
-            done.errors.append(error)
-            done.times.append(spent)
-        found.append(done)
+        for name, theta, iterated in equations.SICONOS:
+            done = Rungs(name, problem)
+            for k in range(1 if quick else equations.SICONOS_DOUBLINGS + 1):
+                steps = equations.SICONOS_STEPS[problem] * 2**k
+                error, spent = equations.siconos(problem, steps, theta, iterated)
+                done.errors.append(error)
+                done.times.append(spent)
+            found.append(done)
     return found
 
 
@@ -124,6 +126,16 @@ def on_grips(quick: bool, missing: Mapping[str, str]) -> list[GripRow]:
     for name, options in OURS:
         held = {problem: ours(problem, options, grip, 3) for problem, grip in posed.items()}
         rows.append(GripRow(name, 0, held))
+    if "Siconos" not in missing:
+        each = [name for name in equations.SICONOS_GRIPS if name in posed]
+        held = {
+            name: equations.siconos_grip(
+                name, posed[name].creep, 0.1 if quick else posed[name].duration
+            )
+            for name in each
+        }
+        limit = f"{equations.SICONOS_LIMIT:g} s at most"
+        rows.append(GripRow(f"Siconos, Moreau-Jean, 0.15 ms, {limit}", 0, held))
     for step in range(1 if quick else len(grips.MUJOCO_STEPS)):
         makers = grips.peers(missing, step)
         for name, make in makers[:: len(makers) - 1 or 1] if quick else makers:
@@ -150,7 +162,7 @@ def grips_table(rows: list[GripRow], problems: list[str]) -> str:
     ]
     for row in rows:
         if row.step == 0:
-            cells = [cell(row.held[problem]) for problem in problems]
+            cells = [cell(row.held[name]) if name in row.held else "-" for name in problems]
             for problem in ("02-rest-half", "03-held"):
                 held = row.held.get(problem)
                 whole = held is not None and held.lost is None
@@ -185,6 +197,13 @@ def message(rows: list[GripRow]) -> str:
             f"03-held is {1e3 * kept.creep:.2g} mm, by {best.name.removeprefix(name).strip(', ')}, "
             f"in {kept.spent:.2g} s; the shortest time of those that hold is {quick:.2g} s."
         )
+    for row in rows:
+        if row.name.startswith("Siconos"):
+            kept = row.held[problem]
+            lines.append(
+                f"- **Siconos** keeps the cube of 03-held, with a creep of {cell(kept)} mm "
+                f"in {kept.spent:.2g} s; it loses that of 04-lost."
+            )
     mine = [row for row in rows if row.name.startswith("softpinch")]
     times = ", ".join(
         f"{row.held[problem].spent:.2g} s ({row.name.partition(', ')[2]})" for row in mine

@@ -165,6 +165,16 @@ def wedge() -> sp.Scene:
     )
 
 
+def relaxing() -> sp.Scene:
+    """Jaws whose tips relax hold the cube against a push that makes it slip."""
+    tip = sp.Fingertip(
+        relaxation=sp.Maxwell(share=0.5, time=0.03), normal_mass=0.01, tangential_mass=0.01
+    )
+    push = sp.Pulse(time=0.02, duration=0.02, force=(1.0, -8.0), moment=0.01)
+    scene = jaws(0.2, disturbances=[push], duration=0.2)
+    return scene.with_({"hand": sp.Hand(right=scene.hand.right, left=scene.hand.left, tip=tip)})
+
+
 def measured() -> sp.Scene:
     """Tips whose force has been measured at six compressions."""
     compression = np.linspace(1e-3, 6e-3, 6)
@@ -375,6 +385,13 @@ PROBLEMS = (
         "Tips whose force was measured",
         "The law of the tips is fitted to a table; a push of 10 ms shakes the object.",
         measured,
+    ),
+    Problem(
+        "26-relaxing",
+        "Tips that relax",
+        "A Maxwell branch beside the springs of each tip meets a push of 20 ms, under which the "
+        "cube slips. At the start the branches have relaxed.",
+        relaxing,
     ),
 )
 BY_NAME = {problem.name: problem for problem in PROBLEMS}

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 import softpinch as sp
 from definitions import BY_NAME, PROBLEMS, Problem
+from rare import RARES
 from rare import write as write_rare
-from score import COLUMNS, QUANTITIES, RARE, VERSION, differences, event_error, lasting
+from score import COLUMNS, QUANTITIES, VERSION, differences, event_error, lasting
 from softpinch.accuracy.segments import Inputs
 from softpinch.support import toml
 
@@ -235,12 +236,13 @@ def document(name: str, text: str) -> None:
 
 
 def main() -> None:
-    names = sys.argv[1:] or [*BY_NAME, RARE]
+    names = sys.argv[1:] or [*BY_NAME, *(rare.name for rare in RARES)]
     for problem in PROBLEMS:
         if problem.name in names:
             write(problem)
-    if RARE in names:
-        write_rare(FOLDER / RARE)
+    for rare in RARES:
+        if rare.name in names:
+            write_rare(FOLDER / rare.name, rare)
     write_agreement()
 
 

@@ -1,13 +1,16 @@
-"""The problem 24-rare: a push that rarely loses the object, and how rarely.
+"""The problems 24-rare and 25-rarer: a push that rarely loses the object, and how rarely.
 
 Two numbers are random, and the more force, the less the grasp holds: the probability is an integral
 over friction of the probability that the force exceeds what is just held, which bisection finds.
-Plain runs, and the independent simulation on both sides of that force, check it.
+Runs check it, plain ones or, where those would lose nothing, runs with more force that count by
+their likelihood; and the independent simulation on both sides of that force.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
+from functools import cache
 from math import erfc, sqrt
 from pathlib import Path
 from typing import Any
@@ -16,17 +19,49 @@ import numpy as np
 
 import softpinch as sp
 from definitions import jaws
-from score import RARE, VERSION, wilson
+from score import RARE, RARER, VERSION, wilson
 from softpinch.support import toml
 
 FRICTIONS = (0.4, 0.6)
-MEAN, DEVIATION = 4.65, 0.5  # of the force, N
-NODES = (10, 14)  # of Gauss and Legendre's rule, for the error and for the result
 RUNS, SEED = 200_000, 42
 DURATION = 0.3  # s
+# Of the normal distribution, for 99 %.
+Z = 2.5758293035489004
 
 
-def scene(friction: float = 0.5, force: float = MEAN) -> sp.Scene:
+@dataclass(frozen=True)
+class Rare:
+    """One problem.
+
+    Attributes:
+        name: Of its folder.
+        title: One line.
+        mean: Of the force, N.
+        deviation: Of the force, N.
+        drawn: Mean of the force in the runs that check it, N.
+        nodes: Of Gauss and Legendre's rule, for the error and for the result.
+    """
+
+    name: str
+    title: str
+    mean: float
+    deviation: float
+    drawn: float
+    nodes: tuple[int, int]
+
+    @property
+    def plain(self) -> bool:
+        """Whether runs are drawn from the distribution itself."""
+        return self.drawn == self.mean
+
+
+RARES = (
+    Rare(RARE, "A push that rarely loses the cube", 4.65, 0.5, 4.65, (10, 14)),
+    Rare(RARER, "A push that loses the cube once in a million times", 4.0, 0.43, 5.9, (14, 20)),
+)
+
+
+def scene(friction: float = 0.5, force: float = 4.65) -> sp.Scene:
     """The cube of 01-rest, held twice as lightly, and pushed down for 30 ms."""
     push = sp.Pulse(time=0.01, duration=0.03, force=(0.0, -force))
     return jaws(0.2, disturbances=[push], duration=DURATION).with_({"friction": friction})
@@ -40,6 +75,7 @@ def lost(friction: float, force: float) -> bool:
     return run.status == "lost"
 
 
+@cache
 def just_held(friction: float) -> float:
     """The largest force that is held, N."""
     low, high = 4.0, 10.0
@@ -49,18 +85,18 @@ def just_held(friction: float) -> float:
     return (low + high) / 2
 
 
-def exact(nodes: int) -> tuple[float, list[tuple[float, float]]]:
+def exact(rare: Rare, nodes: int) -> tuple[float, list[tuple[float, float]]]:
     """The probability, and friction and force at each node."""
     places, weights = np.polynomial.legendre.leggauss(nodes)
     low, high = FRICTIONS
     frictions = low + (high - low) * (places + 1) / 2
     forces = [just_held(friction) for friction in frictions.tolist()]
-    above = [erfc((force - MEAN) / DEVIATION / sqrt(2)) / 2 for force in forces]
+    above = [erfc((force - rare.mean) / rare.deviation / sqrt(2)) / 2 for force in forces]
     return float(weights @ above) / 2, list(zip(frictions.tolist(), forces, strict=True))
 
 
-def study(of: sp.Scene) -> sp.Ensemble:
-    """The plain runs of a scene."""
+def study(rare: Rare, of: sp.Scene) -> sp.Ensemble:
+    """The runs of a scene that check the probability."""
     return sp.monte_carlo(
         of,
         runs=RUNS,
@@ -68,25 +104,37 @@ def study(of: sp.Scene) -> sp.Ensemble:
         dt=2e-4,
         vary={
             "friction": sp.Uniform(*FRICTIONS),
-            "disturbances.0.force.1": sp.Normal(-MEAN, DEVIATION),
+            "disturbances.0.force.1": sp.Normal(-rare.drawn, rare.deviation),
         },
         formulation="projected",
         progress=False,
     )
 
 
-def plain() -> int:
-    """How many of the plain runs lose the object."""
-    return round(RUNS * study(scene()).probability("lost").value)
+def run(rare: Rare) -> tuple[np.ndarray, np.ndarray]:
+    """Which of the runs lose the object, and the likelihood of each by that of its draw."""
+    found = study(rare, scene())
+    force = -found["disturbances.0.force.1"]
+    far, drawn = ((force - mean) / rare.deviation for mean in (rare.mean, rare.drawn))
+    return found.status == "lost", np.exp((drawn**2 - far**2) / 2)
 
 
-def drawn(pairs: list[tuple[float, float]]) -> int:
-    """In how many of the same runs the force is above what is held, without simulating them."""
+def above(rare: Rare, pairs: list[tuple[float, float]]) -> np.ndarray:
+    """In which of the same runs the force is above what is held, without simulating them."""
     frictions, forces = np.array(pairs).T
     held = np.polynomial.Polynomial.fit(frictions, forces, len(pairs) - 1, domain=FRICTIONS)
     # The draws depend on the seed alone.
-    short = study(scene().with_({"duration": 4e-4}))
-    return int((-short["disturbances.0.force.1"] > held(short["friction"])).sum())
+    short = study(rare, scene().with_({"duration": 4e-4}))
+    return np.asarray(-short["disturbances.0.force.1"] > held(short["friction"]))
+
+
+def interval(rare: Rare, lost: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
+    """The 99 % interval of the probability, of plain or of weighted runs."""
+    if rare.plain:
+        return wilson(int(lost.sum()), RUNS)
+    counted = lost * weights
+    half = Z * float(counted.std()) / sqrt(RUNS)
+    return float(counted.mean()) - half, float(counted.mean()) + half
 
 
 def independent(pairs: list[tuple[float, float]], off: float = 1e-5) -> None:
@@ -105,20 +153,32 @@ def independent(pairs: list[tuple[float, float]], off: float = 1e-5) -> None:
             raise RuntimeError(f"{friction=}, {force=}: {found}")
 
 
-def write(folder: Path) -> None:
+def write(folder: Path, rare: Rare) -> None:
     """Computes the probability in three ways and writes the problem."""
-    (coarse, _), (value, pairs) = map(exact, NODES)
+    (coarse, _), (value, pairs) = (exact(rare, nodes) for nodes in rare.nodes)
     independent(pairs[::6])
-    failures, above = plain(), drawn(pairs)
-    if failures != above:
-        raise RuntimeError(f"{failures} runs lose the object, {above} should")
-    low, high = wilson(failures, RUNS)
+    lost, weights = run(rare)
+    failures, expected = int(lost.sum()), above(rare, pairs)
+    if (lost != expected).any():
+        raise RuntimeError(f"{failures} runs lose the object, {expected.sum()} others should")
+    low, high = interval(rare, lost, weights)
     if not low <= value <= high:
         raise RuntimeError(f"{failures} of {RUNS} runs: {value} is not in {low} to {high}")
-    print(f"{RARE} {value:.9g} {abs(value - coarse):.1e}; {failures} of {RUNS} runs", flush=True)
+    print(f"{rare.name} {value:.9g} {abs(value - coarse):.1e}; {low:.3g} to {high:.3g}", flush=True)
+    checked = {
+        "runs": RUNS,
+        "seed": SEED,
+        "failures": failures,
+        "draws_above_what_is_held": int(expected.sum()),
+        "interval_99_percent": [low, high],
+        "command": f"PYTHONPATH=tests python reference/generate.py {rare.name}",
+    }
+    how = "plain" if rare.plain else "weighted"
+    if not rare.plain:
+        checked["drawn_with_mean"] = -rare.drawn
     data = {
-        "name": RARE,
-        "title": "A push that rarely loses the cube",
+        "name": rare.name,
+        "title": rare.title,
         "version": VERSION,
         "statement": "A push of 30 ms pulls down the cube of 01-rest, whose weight is 20 % of what "
         "friction carries at a coefficient of 0.5. The coefficient and the force are random. How "
@@ -128,24 +188,17 @@ def write(folder: Path) -> None:
             "friction": {"distribution": "uniform", "from": FRICTIONS[0], "to": FRICTIONS[1]},
             "disturbances.0.force.1": {
                 "distribution": "normal",
-                "mean": -MEAN,
-                "standard_deviation": DEVIATION,
+                "mean": -rare.mean,
+                "standard_deviation": rare.deviation,
             },
         },
         "answer": {
             "probability": value,
             "probability_error": float(f"{max(abs(value - coarse), 1e-9 * value):.1e}"),
             "just_held": [{"friction": mu, "force": force} for mu, force in pairs],
-            "plain": {
-                "runs": RUNS,
-                "seed": SEED,
-                "failures": failures,
-                "draws_above_what_is_held": above,
-                "interval_99_percent": [low, high],
-                "command": "PYTHONPATH=tests python reference/generate.py 24-rare",
-            },
+            how: checked,
         },
-        "scene": scene().to_dict(),
+        "scene": scene(force=rare.mean).to_dict(),
     }
     folder.mkdir(parents=True, exist_ok=True)
     text = "# A reference problem; ../../README.md has the rules. SI units, angles in radians.\n"
@@ -154,4 +207,5 @@ def write(folder: Path) -> None:
 
 if __name__ == "__main__":
     sys.path.append(str(Path(__file__).parent.parent / "tests"))
-    write(Path(__file__).parent / "problems" / RARE)
+    for each in RARES:
+        write(Path(__file__).parent / "problems" / each.name, each)

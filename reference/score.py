@@ -1,11 +1,15 @@
 """Measures a solver by the reference problems. Needs Python 3.11 and NumPy.
 
 python reference/score.py mine.csv [--events events.csv]
-python reference/score.py --rare FAILURES RUNS
+python reference/score.py --creep creep.csv
+python reference/score.py --rare FAILURES RUNS [--problem 25-rarer]
+python reference/score.py --probability VALUE LOW HIGH --problem 25-rarer
 
 mine.csv has the columns of the solutions in reference/problems, and a column "problem" in front of
 them; energy may be left out. The file of the events has the columns problem, time, finger, before
-and after. README.md beside this script has the rules.
+and after. A solver with other tips than those of the problems reports creep alone, in a file with
+the columns problem, creep_mm and lost: one of the last two is empty, and lost is a time in s. Any
+of these may be scored together. README.md beside this script has the rules.
 
 Exit status: 0 if no problem failed, 1 if one did, 2 if a file cannot be scored.
 """
@@ -28,6 +32,9 @@ from numpy.typing import NDArray
 VERSION = "1"
 FOLDER = Path(__file__).parent / "problems"
 RARE = "24-rare"
+RARER = "25-rarer"
+# The ends of the interval of a probability differ by no more than this factor.
+WIDEST = 2.0
 
 _PLACES = (
     *("x", "y", "theta", "finger_right", "finger_left"),
@@ -36,6 +43,7 @@ _PLACES = (
 _FORCES = ("normal_right", "normal_left", "tangential_right", "tangential_left")
 COLUMNS = ("t", *_PLACES, *(f"rate_{name}" for name in _PLACES), *_FORCES, "energy")
 EVENTS = ("problem", "time", "finger", "before", "after")
+CREEP = ("problem", "creep_mm", "lost")
 MODES = ("stick", "slip", "graze", "free")
 # Quantity -> groups of columns that are measured by one size, each with the least such size, in SI
 # units: below it a group counts as zero.
@@ -51,6 +59,8 @@ SAME, BRIEF = 1e-9, 1e-5
 
 Floats: TypeAlias = NDArray[np.float64]
 Event: TypeAlias = tuple[float, str, str, str]
+# Time, mode before and mode after.
+Change: TypeAlias = tuple[float, str, str]
 
 
 class FileError(Exception):
@@ -85,21 +95,34 @@ class Score:
 
     Attributes:
         errors: By quantity, without a unit; "events" is in s, NaN where it was not reported.
+        end: Of the problem, s, by which the errors of times are measured.
         creep: In mm, of the solver and of the solution; None where the problem has none.
         failures: Why it failed.
         notes: What was not reported.
     """
 
     errors: dict[str, float]
+    end: float
     creep: tuple[float, float] | None = None
     failures: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
+    def shares(self) -> dict[str, float]:
+        """Every error that counts, without a unit: energy and events only where reported.
+
+        Times are measured by the problem's end. Events with other modes have no error of time.
+        """
+        found = {**self.errors, "times of events": self.errors["events"] / self.end}
+        del found["events"]
+        needed = ("q", "p", "multipliers")
+        return {k: v for k, v in found.items() if k in needed or math.isfinite(v)}
+
+    @property
     def verdict(self) -> str:
         if self.failures:
             return "FAILS: " + "; ".join(self.failures)
-        worst = max(self.errors[name] for name in ("q", "p", "multipliers"))
+        worst = max(self.shares.values())
         level = next(level for level in LEVELS if worst <= level)
         return f"right to {level:.0e}" + "".join(f"; {note}" for note in self.notes)
 
@@ -122,35 +145,26 @@ def differences(exact: Floats, other: Floats, sized_by: Floats) -> dict[str, flo
     return found
 
 
-def lasting(events: Sequence[Event]) -> dict[str, list[tuple[float, str]]]:
-    """The changes of each finger that last: (time, mode from then on)."""
-    found: dict[str, list[tuple[float, str]]] = {"right": [], "left": [], "object": []}
+def lasting(events: Sequence[Event]) -> dict[str, list[Change]]:
+    """The changes of each finger, without modes that were brief."""
+    found: dict[str, list[Change]] = {"right": [], "left": [], "object": []}
     for time, finger, before, after in sorted(events, key=lambda event: event[0]):
         kept = found[finger]
         if kept and time - kept[-1][0] < BRIEF:
             # The mode that ends here was brief: the change to it is one with this one.
-            begun, _ = kept.pop()
-            earlier = kept[-1][1] if kept else _first(events, finger)
-            if after != earlier:
-                kept.append((begun, after))
-        elif after != before:
-            kept.append((time, after))
+            time, before, _ = kept.pop()
+        if after != before:
+            kept.append((time, before, after))
     return found
 
 
-def _first(events: Sequence[Event], finger: str) -> str:
-    return min((event for event in events if event[1] == finger), key=lambda event: event[0])[2]
-
-
-def event_error(
-    one: dict[str, list[tuple[float, str]]], other: dict[str, list[tuple[float, str]]]
-) -> float:
+def event_error(one: dict[str, list[Change]], other: dict[str, list[Change]]) -> float:
     """The largest difference of the times of events, s; infinite where the modes differ."""
     worst = 0.0
     for finger in ("right", "left"):
-        if [mode for _, mode in one[finger]] != [mode for _, mode in other[finger]]:
+        if [modes for _, *modes in one[finger]] != [modes for _, *modes in other[finger]]:
             return math.inf
-        for (here, _), (there, _) in zip(one[finger], other[finger], strict=True):
+        for (here, *_), (there, *_) in zip(one[finger], other[finger], strict=True):
             worst = max(worst, abs(here - there))
     return worst
 
@@ -263,9 +277,15 @@ def score(name: str, mine: Answer) -> Score:
             "object,held,lost"
         )
     rows = mine.rows[order][at]
+    for k, t in enumerate(wanted[:, 0].tolist()):
+        near = SAME * max(1.0, t)
+        low, high = np.searchsorted(times, [t - near, t + near])
+        same = mine.rows[order][low:high, 1:]
+        if not np.array_equal(same, np.broadcast_to(rows[k, 1:], same.shape), equal_nan=True):
+            raise FileError(f"{name}: {high - low} rows at t = {t!r} say different things")
     errors = differences(wanted, rows, exact.rows) if len(wanted) else {}
-    result = Score(dict.fromkeys((*QUANTITIES, "events"), math.nan) | errors)
     answer = data["answer"]
+    result = Score(dict.fromkeys((*QUANTITIES, "events"), math.nan) | errors, answer["end"])
     was_lost = answer["status"] == "lost"
     if mine.events is None:
         result.notes.append("events not reported")
@@ -290,13 +310,17 @@ def score(name: str, mine: Answer) -> Score:
         a, b = (int(np.searchsorted(wanted[:, 0], t)) for t in answer["creep_between"])
         way = rows[min(b, len(rows) - 1), 1:3] - rows[a, 1:3]
         result.creep = 1e3 * float(np.hypot(*way)), float(answer["creep_mm"])
-    wrong = [name for name in ("q", "p", "multipliers") if not result.errors[name] <= LEVELS[-1]]
+    wrong = [name for name, error in result.shares.items() if not error <= LEVELS[-1]]
     if wrong:
         result.failures.append(f"an error above {LEVELS[-1]:g}, of {', '.join(wrong)}")
     return result
 
 
-def wilson(failures: int, runs: int, z: float = 2.5758293035489004) -> tuple[float, float]:
+# Of the normal distribution, for 99 %.
+_Z = 2.5758293035489004
+
+
+def wilson(failures: int, runs: int, z: float = _Z) -> tuple[float, float]:
     """Wilson's interval of a probability, 99 % by default."""
     p = failures / runs
     middle = p + z * z / (2 * runs)
@@ -305,15 +329,72 @@ def wilson(failures: int, runs: int, z: float = 2.5758293035489004) -> tuple[flo
     return max(0.0, (middle - half) / scale), min(1.0, (middle + half) / scale)
 
 
-def rare(failures: int, runs: int) -> bool:
-    """Prints whether a probability from plain runs agrees with the exact one."""
-    data = tomllib.loads((FOLDER / RARE / "problem.toml").read_text("utf-8"))
+def probability(name: str, low: float, high: float) -> bool:
+    """Prints whether a 99 % interval has the exact probability and is narrow enough."""
+    data = tomllib.loads((FOLDER / name / "problem.toml").read_text("utf-8"))
     exact = float(data["answer"]["probability"])
-    low, high = wilson(failures, runs)
-    right = low <= exact <= high
-    print(f"{RARE}: {failures} of {runs} runs; exact {exact:.6g}")
-    print(f"  99 % interval {low:.3g} to {high:.3g}: {'agrees' if right else 'FAILS'}")
-    return right
+    failures = []
+    if not low <= exact <= high:
+        failures.append("it does not have the exact one")
+    if high > WIDEST * low:
+        # Of k failures the ends differ by about exp(2 z / sqrt(k)).
+        least = (2 * _Z / math.log(WIDEST)) ** 2 / exact
+        failures.append(f"its ends differ by more than a factor of {WIDEST:g}; plain runs have to "
+                        f"be some {least:.1g}")  # fmt: skip
+    print(f"{name}: exact probability {exact:.6g}")
+    verdict = "FAILS: " + "; ".join(failures) if failures else "agrees"
+    print(f"  99 % interval {low:.3g} to {high:.3g}: {verdict}")
+    return not failures
+
+
+def read_creep(path: Path) -> dict[str, tuple[float | None, float | None]]:
+    """Creep, mm, and when the object was lost, s, by problem; one of both is None.
+
+    Raises:
+        FileError: An entry is wrong, or a problem has neither creep nor an end.
+    """
+    found: dict[str, tuple[float | None, float | None]] = {}
+    for line, row in enumerate(_table(path, CREEP), 2):
+        name = _known(path, line, row["problem"])
+        answer = solution(name)[0]["answer"]
+        told = [
+            _number(path, line, key, row[key]) if (row[key] or "").strip() else None
+            for key in CREEP[1:]
+        ]
+        where = f"{path}, line {line}: {name}"
+        if "creep_mm" not in answer and answer["status"] != "lost":
+            raise FileError(f"{where} asks for no creep")
+        if name in found:
+            raise FileError(f"{where} has two lines")
+        if (told[0] is None) == (told[1] is None):
+            raise FileError(f"{where}: one of creep_mm and lost must be a number, one empty")
+        if min(value for value in told if value is not None) < 0:
+            raise FileError(f"{where}: creep_mm and lost must not be negative")
+        found[name] = told[0], told[1]
+    if not found:
+        raise FileError(f"{path}: no rows")
+    return found
+
+
+def creep(reports: dict[str, tuple[float | None, float | None]]) -> bool:
+    """Prints the reports of creep, and whether the object is held or lost as it should be.
+
+    The time of a loss is not judged: other tips have another way to go.
+    """
+    right = 0
+    for name, (way, lost) in sorted(reports.items()):
+        answer = solution(name)[0]["answer"]
+        should = "lost" if answer["status"] == "lost" else "held"
+        told = "held" if lost is None else "lost"
+        right += told == should
+        verdict = "as it should be" if told == should else f"FAILS: it should be {should}"
+        what = f"creep {way:.3g} mm" if lost is None else f"after {lost:.3g} s"
+        exact = answer.get("creep_mm")
+        if lost is None and exact is not None:
+            what += f", should be {exact:.3g} mm"
+        print(f"{name:24s}{what}; the object is {told}, {verdict}")
+    print(f"creep alone: {right} of {len(reports)} objects are held or lost as they should be")
+    return right == len(reports)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -322,21 +403,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("file", type=Path, nargs="?", help="your rows")
     parser.add_argument("--events", type=Path, help="your events")
+    parser.add_argument("--creep", type=Path, help="your creep, if your tips are others")
     parser.add_argument("--rare", type=int, nargs=2, metavar=("FAILURES", "RUNS"))
+    parser.add_argument(
+        "--probability", type=float, nargs=3, metavar=("VALUE", "LOW", "HIGH"),
+        help="your probability and its 99 %% interval, of another way than plain runs",
+    )  # fmt: skip
+    parser.add_argument("--problem", choices=(RARE, RARER), default=RARE, help="of a probability")
     given = parser.parse_args(arguments)
+    if all(each is None for each in (given.file, given.creep, given.rare, given.probability)):
+        parser.error("name a file, or give --creep, --rare or --probability")
+    if given.events is not None and given.file is None:
+        parser.error("--events needs the file of your rows")
+    intervals = []
     if given.rare is not None:
         failures, runs = given.rare
         if not 0 <= failures <= runs or runs < 1:
             parser.error("--rare: there must be 0 to RUNS failures")
-        return 0 if rare(failures, runs) else 1
-    if given.file is None:
-        parser.error("name a file")
+        intervals.append(wilson(failures, runs))
+    if given.probability is not None:
+        value, low, high = given.probability
+        if not 0.0 <= low <= value <= high <= 1.0:
+            parser.error("--probability: it must be 0 <= LOW <= VALUE <= HIGH <= 1")
+        intervals.append((low, high))
     try:
-        answers = read(given.file, given.events)
+        answers = read(given.file, given.events) if given.file is not None else {}
         scores = {name: score(name, answer) for name, answer in sorted(answers.items())}
+        reports = read_creep(given.creep) if given.creep is not None else {}
     except FileError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    right = [_printed(scores)] if scores else []
+    right += [creep(reports)] if reports else []
+    right += [probability(given.problem, *ends) for ends in intervals]
+    return 0 if all(right) else 1
+
+
+def _printed(scores: dict[str, Score]) -> bool:
+    """Prints the scores; whether all are right."""
     print(f"{'problem':24s}" + "".join(f"{name:>12s}" for name in QUANTITIES) + "   events, s")
     for name, found in scores.items():
         cells = (
@@ -348,7 +452,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{'':24s}  creep {found.creep[0]:.3g} mm, should be {found.creep[1]:.3g} mm")
     failed = sum(bool(found.failures) for found in scores.values())
     print(f"{len(scores) - failed} of {len(scores)} problems are right")
-    return 1 if failed else 0
+    return not failed
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
 The hand is that of the problems: a cube of the same size, mass and friction between two balls of
 20 mm on fingers with the same mass and the same drives, in a plane. The tips are not: both
-simulators have contacts of their own, which yield by their own laws. The fingers close until each
-presses with the normal force of the problem at rest. A load on the cube is the acceleration of the
-carriage that has the same effect in the hand.
+simulators have contacts of their own, which yield by their own laws; in some settings MuJoCo's hand
+has the paper's tips between jaws and contacts (tips.py). The fingers close until each presses with
+the normal force of the problem at rest, without the weight and with it. A load on the cube is the
+acceleration of the carriage that has the same effect in the hand.
 """
 
 from __future__ import annotations
@@ -22,28 +23,36 @@ import carry
 import carry_peers
 import softpinch as sp
 from carry_peers import Peer
-from creep import FACE, FRICTION, GRAVITY, MASS
+from creep import FACE, FRICTION, GRAVITY, MASS, STIFFNESS
 
-# What MuJoCo's chapters on modelling and computation advise against slip: elliptic cones, a large
-# impratio, the noslip solver for a few iterations; and 4 to 10 ms for contacts that are crisp, at
-# least twice the step. Name, options, time constant of the contacts, s.
-_FIRM = {"cone": "elliptic", "impratio": "100"}
-MUJOCO: tuple[tuple[str, dict[str, str], float], ...] = (
-    ("defaults", {}, 0.02),
-    ("elliptic, impratio 1", {"cone": "elliptic", "impratio": "1"}, 0.02),
-    ("elliptic, impratio 10", {"cone": "elliptic", "impratio": "10"}, 0.02),
-    ("elliptic, impratio 100", _FIRM, 0.02),
-    ("elliptic, impratio 100, 4 ms", _FIRM, 0.004),
-    (
-        "elliptic, impratio 100, 4 ms, 3 noslip iterations",
-        {**_FIRM, "noslip_iterations": "3"},
-        0.004,
-    ),
+from . import tips
+
+# What MuJoCo's documentation advises against slip: elliptic cones, a large impratio and Newton's
+# solver, its default, with a tolerance such as 1e-10 (Modeling, "Algorithms"); a larger impedance,
+# the first two numbers of solimp (Overview, "Softness and slip"); one to three iterations of the
+# noslip solver (Modeling, "Preventing slip"); a time constant of at least twice the step (Modeling,
+# "Reference"). Name, options, time constant of the contacts, s, and impedance.
+_FIRM = {"cone": "elliptic", "impratio": "100", "tolerance": "1e-10"}
+_NOSLIP = {**_FIRM, "noslip_iterations": "3"}
+MUJOCO: tuple[tuple[str, dict[str, str], float, tuple[float, float] | None], ...] = (
+    ("defaults", {}, 0.02, None),
+    ("elliptic, impratio 1", {**_FIRM, "impratio": "1"}, 0.02, None),
+    ("elliptic, impratio 10", {**_FIRM, "impratio": "10"}, 0.02, None),
+    ("elliptic, impratio 100", _FIRM, 0.02, None),
+    ("elliptic, impratio 100, 4 ms", _FIRM, 0.004, None),
+    ("elliptic, impratio 100, 4 ms, impedance 0.99", _FIRM, 0.004, (0.99, 0.999)),
+    ("elliptic, impratio 100, 4 ms, 3 noslip iterations", _NOSLIP, 0.004, None),
 )
 INTEGRATORS = ("implicitfast", "discrete")
+# Settings of the hand with the paper's tips. Its steps are half as long: at 2 ms, implicitfast, the
+# cube of 01-rest rattles between their light surfaces, at 1 ms it rests.
+PAPER_TIPS = (MUJOCO[0], MUJOCO[3], MUJOCO[6])
 # The default step, and smaller ones for the chart, s.
 MUJOCO_STEPS = (0.002, 0.001, 0.0005)
-# Drake's approximations of contact in steps of equal length, of which "lagged" is the default.
+# Drake's approximations of contact in steps of equal length. "lagged" is the default, and what the
+# documentation of DiscreteContactApproximation prefers; the stiction tolerance is that of it and of
+# "similar". MultibodyPlantConfig's page says that SAP may soften stiff contacts, and to try a
+# near-rigid threshold of zero then: here the creep is the same to three digits.
 DRAKE: tuple[tuple[str, dict[str, Any]], ...] = (
     ("lagged (default)", {"discrete_contact_approximation": "lagged"}),
     (
@@ -128,10 +137,7 @@ def grips(motion: sp.HandMotion) -> dict[str, Grip]:
 def hold(peer: Peer, grip: Grip, duration: float | None = None) -> Held:
     """Closes the fingers, waits until the weight has settled, and holds the object."""
     carry.close(peer, grip.force)
-    steps = round(1.0 / peer.step)
-    rest = peer.height()
-    lost = _lost(peer, rest, steps)
-    if lost:
+    if _lost_at_rest(peer, grip.force):
         return Held(math.nan, 0.0, 0.0)
     start = rest = peer.height()
     duration = grip.duration if duration is None else duration
@@ -146,27 +152,46 @@ def hold(peer: Peer, grip: Grip, duration: float | None = None) -> Held:
         k += n
         if k == first:
             start = peer.height()
-        if (k % chunk == 0 or k == total) and (
-            abs(peer.height() - rest) > FACE / 2 or len(peer.forces()) < 2
-        ):
+        # A tip may let go for a moment; an object that nothing holds is off the faces soon.
+        if (k % chunk == 0 or k == total) and abs(peer.height() - rest) > FACE / 2:
             return Held(math.nan, k * peer.step, time.process_time() - begin)
     return Held(abs(peer.height() - start), None, time.process_time() - begin)
 
 
-def _lost(peer: Peer, rest: float, steps: int) -> bool:
-    peer.advance(0.0, 0.0, steps)
-    return abs(peer.height() - rest) > FACE / 2 or len(peer.forces()) < 2
+def _lost_at_rest(peer: Peer, force: float) -> bool:
+    """Lets the weight settle for 1 s, while the targets follow until the fingers press again."""
+    rest, rounds = peer.height(), 10
+    for k in range(rounds):
+        peer.advance(0.0, 0.0, round(1.0 / rounds / peer.step))
+        if abs(peer.height() - rest) > FACE / 2:
+            return True
+        pressing = peer.forces()
+        if k < rounds - 1 and len(pressing) == 2:
+            # A tip that the weight shears presses more.
+            peer.press((force - sum(normal for normal, _ in pressing) / 2) / STIFFNESS)
+    return False
 
 
 def peers(missing: Mapping[str, str], step: int = 0) -> list[tuple[str, Callable[[], Peer]]]:
     """Name, and what makes a peer; `step` is the number of the step, of which 0 is the default."""
     found: list[tuple[str, Callable[[], Peer]]] = []
+    make: Callable[[], Peer]
     if "MuJoCo" not in missing:
         for integrator in carry_peers.mujoco_integrators(INTEGRATORS):
-            for name, options, constant in MUJOCO:
+            for name, options, constant, impedance in MUJOCO:
                 settings = {"integrator": integrator, **options}
-                make = partial(carry_peers.MuJoCo, settings, constant, MUJOCO_STEPS[step])
+                make = partial(
+                    carry_peers.MuJoCo,
+                    settings,
+                    constant,
+                    MUJOCO_STEPS[step],
+                    impedance=impedance,
+                )
                 found.append((f"MuJoCo {integrator}, {name}", make))
+            for name, options, constant, _ in PAPER_TIPS:
+                settings = {"integrator": integrator, **options}
+                make = partial(tips.PaperTips, settings, constant, MUJOCO_STEPS[step] / 2)
+                found.append((f"MuJoCo {integrator}, paper's tips, {name}", make))
     if "Drake" not in missing and step < len(DRAKE_STEPS):
         for name, config in DRAKE:
             found.append((f"Drake, {name}", partial(carry_peers.Drake, config, DRAKE_STEPS[step])))

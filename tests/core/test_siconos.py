@@ -38,6 +38,24 @@ def dropped() -> sp.Scene:
     return replace(scene, initial=sp.State(q, p))
 
 
+def jaws() -> sp.Scene:
+    """A cube at rest between jaws, pushed down until both tips slip."""
+    jaw = sp.Jaw(root_offset=0.1, half_thickness=0.01, mass=0.1, height=0.0)
+    scene = grasp(
+        0.5,
+        0.06,
+        hand=sp.Hand(right=jaw, left=jaw, tip=LIGHT.tip),
+        grasped=sp.GraspedObject.box(0.049, 0.049, 0.1),
+        control=sp.Pid(kp=3000.0, kd=30.0, ki=0.0),
+        schedule=sp.Schedule.steps([0.0], [[0.05, 0.05]]),
+        disturbances=[sp.Pulse(time=0.01, duration=0.01, force=(0.0, -20.0), moment=0.02)],
+    )
+    held = sp.grip(replace(scene, disturbances=()), force=9.81)
+    state = held.equilibrium.state
+    assert state is not None
+    return replace(scene, schedule=held.scene.schedule, initial=sp.State(state.q, np.zeros(9)))
+
+
 SCENES = {
     "sticks": grasp(
         0.5,
@@ -71,6 +89,7 @@ SCENES = {
         ),
     ),
     "meets the object": dropped(),
+    "slips and stops between jaws": jaws(),
 }
 
 

@@ -19,7 +19,8 @@ from softpinch.scene.parts import others
 
 from .contact_moving import MovingInputs, MovingMechanics, MovingSystem
 from .contact_parts import PartsMechanics
-from .contact_system import ContactSystem
+from .contact_relaxing import RelaxingSystem
+from .contact_system import STATES, ContactSystem
 from .contact_terms import Mechanics
 from .contact_walk import UnilateralReference, Walk
 from .evaluate import parameters
@@ -49,9 +50,10 @@ def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReferenc
     """Simulates a scene with contact that pushes, slips, opens and closes.
 
     Args:
-        scene: Its start may have gaps (free) and slip. `fingers` may be "driven", along a schedule
-            without jumps and kinks. With a motion they are not; the run is then in inertial
-            coordinates, and its rows in the hand's frame; the parts are the paper's then.
+        scene: Its start may have gaps (free) and slip; tips that relax have relaxed there.
+            `fingers` may be "driven", along a schedule without jumps and kinks. With a motion they
+            are not; the run is then in inertial coordinates, and its rows in the hand's frame; the
+            parts are the paper's then.
         times: (n,), s, within the run; None is the start, every break and the end.
     """
     driven = scene.fingers == "driven"
@@ -76,7 +78,14 @@ def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReferenc
     start, begin = start_state(scene)
     inputs = kind(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
-    walk = Walk(system(mechanics, friction, halves, length=length, driven=driven), inputs, start)
+    if any(tip.relaxation for tip in scene.hand.tips):
+        relaxing = RelaxingSystem(scene, mechanics, friction, halves, length=length, driven=driven)
+        walk = Walk(relaxing, inputs, start)
+        walk.y[STATES:] = relaxing.relaxed(start)
+    else:
+        walk = Walk(
+            system(mechanics, friction, halves, length=length, driven=driven), inputs, start
+        )
     rows = walk.through(sorted(set(wanted)))
     kept = [rows[t] for t in wanted if t in rows]
     return UnilateralReference(

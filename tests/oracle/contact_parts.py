@@ -116,6 +116,12 @@ def _foot(centre: Any, side: tuple[str, ...], numbers: dict[str, Any]) -> Foot:
 
 @cache
 def geometry(kind: type, side: tuple[str, ...]) -> Callable[..., list[float]]:
+    """`geometry_terms` as a function of floats."""
+    return _compiled(*geometry_terms(kind, side))
+
+
+@cache
+def geometry_terms(kind: type, side: tuple[str, ...]) -> tuple[tuple[Any, ...], list[Any]]:
     """(q, p, s, a, numbers of the mechanism, numbers of the side) of one contact -> its terms.
 
     These are rows H and N of Phi and T by x, y, theta and z, twelve numbers, both biases, the gap,
@@ -153,8 +159,7 @@ def geometry(kind: type, side: tuple[str, ...]) -> Callable[..., list[float]]:
         tilt,
         sp.diff(mechanism.weight, _q[3]),
     ]
-    arguments = (_q, _p, _s, _a, tuple(own.values()), tuple(shape.values()))
-    return _compiled(arguments, values)
+    return (_q, _p, _s, _a, tuple(own.values()), tuple(shape.values())), values
 
 
 def potential(law: str, d: Any, numbers: dict[str, Any]) -> Any:
@@ -204,6 +209,12 @@ def densities(law: softpinch.MeasuredLaw) -> list[float]:
 
 @cache
 def springs(law: str) -> Callable[..., list[float]]:
+    """`spring_terms` as a function of floats."""
+    return _compiled(*spring_terms(law))
+
+
+@cache
+def spring_terms(law: str) -> tuple[tuple[Any, ...], list[Any]]:
     """(d_n, d_t, tilt, (chi, kappa, eta), numbers of the law) -> P and its three derivatives.
 
     The derivatives are by d_n, d_t and the tilt.
@@ -222,7 +233,7 @@ def springs(law: str) -> Callable[..., list[float]]:
     if law == "power":
         # d^n / d^2 would divide by zero where a tip is not compressed.
         values = [sp.powsimp(each, deep=True) for each in values]
-    return _compiled((d, shear, _tilt, (_chi, _kappa, _eta), tuple(own.values())), values)
+    return (d, shear, _tilt, (_chi, _kappa, _eta), tuple(own.values())), values
 
 
 def _compiled(arguments: Any, values: list[Any]) -> Callable[..., list[float]]:
@@ -237,6 +248,7 @@ class PartsContact:
 
     Attributes:
         half: Half the length of the side, m.
+        kinds: Of the finger, and the name of the law.
         inertia: Of the finger in its coordinate.
         weight: Of the finger, N.
     """
@@ -269,6 +281,7 @@ class PartsContact:
             name, numbers = "measured", (law.compression[-1], *densities(law))
         else:
             name, numbers = "springs", (tip.youngs_modulus,)
+        self.kinds = type(finger), name
         self._law = tuple(map(float, numbers))
         self._factors = softened, float(tip.tilt_coupling), float(getattr(law, "shear_factor", 1.0))
         self._last: tuple[Sequence[float], list[float]] = ((), [])
@@ -277,6 +290,29 @@ class PartsContact:
     def own(self, nine: Sequence[float]) -> tuple[float, ...]:
         """Of nine coordinates or rates those of this contact."""
         return (*nine[:3], nine[3 + self.i], nine[5 + self.i], nine[7 + self.i])
+
+    def symbolic(
+        self, q: Sequence[Any], p: Sequence[Any], tilt: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """What `at` and `energy` return, with these nine coordinates, rates and the tilt in P."""
+        kind, law = self.kinds
+        found = []
+        for (arguments, values), numbers in (
+            (
+                geometry_terms(kind, self.side),
+                (self.own(q), self.own(p), self.s, self.radius, self._mechanism, self._side),
+            ),
+            (
+                spring_terms(law),
+                (q[5 + self.i], q[7 + self.i], tilt, self._factors, self._law),
+            ),
+        ):
+            given: dict[Any, Any] = {}
+            for symbol, number in zip(arguments, numbers, strict=True):
+                pairs = zip(symbol, number, strict=True) if isinstance(symbol, tuple) else None
+                given |= dict(pairs) if pairs is not None else {symbol: number}
+            found.append([value.subs(given, simultaneous=True) for value in values])
+        return found[0], found[1]
 
     def at(self, state: Sequence[float]) -> list[float]:
         """What `geometry` returns, at q and p."""
@@ -326,6 +362,37 @@ class PartsMechanics:
         fingers = scene.hand.right, scene.hand.left
         jaws = [3 + i for i in range(2) if isinstance(fingers[i], softpinch.Jaw)]
         self.lengths = (0, 1, *jaws, 5, 6, 7, 8)
+
+    def term_function(self) -> tuple[Callable[..., list[float]], list[list[float]]]:
+        """As `contact_terms.term_function`, and dtheta_pi/dq, where that is constant.
+
+        Of upright tips on upright faces, whose tilt is zero where the coordinates are.
+        """
+        names = ("q:9", "p:9", "i:2", "a:2", "f:3", "w:2")
+        q, p, integral, target, load, tilts = (sp.symbols(name, real=True) for name in names)
+        parts = [c.symbolic(q, p, tilts[c.i]) for c in self.contacts]
+        force = [load[0], load[1] - self._weight, load[2], 0, 0]
+        turning = []
+        for i, ((place, _), (kp, kd, ki)) in enumerate(zip(parts, self._gains, strict=True)):
+            force[3 + i] = -kp * (q[3 + i] - target[i]) - kd * p[3 + i] - ki * integral[i]
+            force[3 + i] -= self.contacts[i].weight * place[17]
+            row = [0.0] * 9
+            row[:3], row[3 + i] = map(float, map(sp.simplify, place[8:11])), float(place[11])
+            turning.append(row)
+        loads = [parts[i][1][k] for k in (1, 2) for i in range(2)]
+        damped = zip(self._viscosities, p[5:], loads, strict=True)
+        force += [-c * rate - load for c, rate, load in damped]
+        entries = [parts[row % 2][0][4 * (row // 2) + k] for row in range(4) for k in range(4)]
+        biases = [parts[i][0][12 + k] for k in range(2) for i in range(2)]
+        values = [
+            *entries,
+            *biases,
+            *force,
+            *(part[1][3] for part in parts),
+            *(part[0][14] for part in parts),
+        ]
+        function = _compiled(((*q, *p, *integral, *target, *load), tilts, ()), values)
+        return function, turning
 
     def tilts(self, state: Sequence[float]) -> list[float]:
         """theta_p of both tips as they are."""

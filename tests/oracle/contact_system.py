@@ -79,9 +79,11 @@ class ContactSystem:
         halves: Half the lengths of both sides, m; infinite where they are endless.
         driven: Whether the fingers are.
         rtol: Relative tolerance of DOP853.
+        states: How many there are.
     """
 
     rtol = 1e-11
+    states = STATES
 
     def __init__(
         self,
@@ -99,7 +101,7 @@ class ContactSystem:
         if driven:
             self.inverse[3:5] = 0.0
         self.halves = halves
-        sizes = np.ones(STATES)
+        sizes = np.ones(self.states)
         lengths = list(mechanics.lengths)
         sizes[lengths] = length
         sizes[[9 + k for k in lengths]] = length
@@ -109,9 +111,13 @@ class ContactSystem:
         self, y: Floats, asked: Sequence[float], contact: Contact
     ) -> tuple[list[float], Terms, Motion]:
         """The state as floats, its terms and its motion."""
+        terms = self.terms(y, asked, contact)
+        return y[:20].tolist(), terms, self.motion(terms, contact.modes, asked)
+
+    def terms(self, y: Floats, asked: Sequence[float], contact: Contact) -> Terms:
+        """The terms of the mechanics, with the tilts that belong to the modes."""
         state: list[float] = y[:20].tolist()
-        terms = self.mechanics.terms(state, asked, contact.tilts(self.mechanics.tilts(state)))
-        return state, terms, self.motion(terms, contact.modes, asked)
+        return self.mechanics.terms(state, asked, contact.tilts(self.mechanics.tilts(state)))
 
     def motion(self, terms: Terms, modes: Sequence[str], asked: Sequence[float]) -> Motion:
         """The motion in given modes; `asked` ends with the accelerations of driven fingers."""
@@ -133,11 +139,11 @@ class ContactSystem:
             elif mode == GRAZE:
                 turning = float(terms.turning[i] @ y[9:18])
                 graze += (1 - found.couples[i]) * terms.couples[i] * turning
-        result = np.empty(STATES)
+        result = np.zeros(self.states)
         result[:9] = y[9:18]
         result[9:18] = found.p_rate
         result[18:20] = y[3] - asked[0], y[4] - asked[1]
-        result[20:] = (*terms.powers, friction, graze)
+        result[20:25] = (*terms.powers, friction, graze)
         if self.driven:
             torques = self.mechanics.masses[3:5] * asked[5:] - found.force[3:5]
             result[20] = torques @ y[12:14]
@@ -190,7 +196,7 @@ class ContactSystem:
             try:
                 return self.rates(y, driven(t), contact)
             except (ArithmeticError, ValueError):
-                return np.full(STATES, np.nan)
+                return np.full(self.states, np.nan)
 
         def watched(t: float, y: Floats) -> list[Event]:
             return self.watch(y, driven(t), contact)

@@ -25,8 +25,8 @@ PLACES = np.array([9 * row + column for row, column in _ENTRIES])
 _IDENTITY = np.zeros((4, 9))
 _IDENTITY[range(4), range(5, 9)] = 1.0
 # The derivatives of theta_p by the coordinates, on parallel faces.
-_TURNING = np.zeros((2, 9))
-_TURNING[:, 2], _TURNING[range(2), range(3, 5)] = SIGNS, 1.0
+TURNING = np.zeros((2, 9))
+TURNING[:, 2], TURNING[range(2), range(3, 5)] = SIGNS, 1.0
 
 
 class Terms(NamedTuple):
@@ -155,7 +155,7 @@ class Mechanics:
             flat[31:33],
             flat[33:35],
             flat[35:38],
-            _TURNING,
+            TURNING,
         )
 
     def tilts(self, state: Sequence[float]) -> list[float]:

@@ -30,7 +30,7 @@ from .contact_modes import (
     margins,
     orientation,
 )
-from .contact_system import QUADRATURES, STATES, TOGETHER, Contact, ContactSystem, Event
+from .contact_system import QUADRATURES, TOGETHER, Contact, ContactSystem, Event
 from .contact_terms import Floats
 from .lagrangian import SIDES
 
@@ -120,7 +120,7 @@ class Walk:
     status: str = ""
 
     def __post_init__(self) -> None:
-        self.y = np.zeros(STATES)
+        self.y = np.zeros(self.system.states)
         self.y[: len(self.start)] = self.start
         self.left, self.tau = self.inputs.edges[0], 0.0
         self._driven: Driven
@@ -159,14 +159,14 @@ class Walk:
         self.last = self._row(self.y)
         if self.status == "completed" and edges[-1] in wanted:
             rows[edges[-1]] = self.last
-        self.ledger = dict(zip(QUADRATURES, self.y[20:].tolist(), strict=True)) | self._booked
+        self.ledger = dict(zip(QUADRATURES, self.y[20:25].tolist(), strict=True)) | self._booked
         return rows
 
     def _row(self, y: Floats) -> Row:
         """Positions and velocities of `y`, and forces and modes as they are now."""
         found = self.system.at(self.y, self._driven(self.time), self.contact)[2]
         right, left = self.contact.modes
-        q, p, _ = np.split(y.copy(), [9, 18])
+        q, p = y[:9].copy(), y[9:18].copy()
         return Row(self.time, q, p, np.array(found.multipliers), (right, left))
 
     @property
@@ -183,9 +183,7 @@ class Walk:
         return sum(self.system.mechanics.energies(state, tilts))
 
     def _terms(self) -> Any:
-        state = self.y[:20].tolist()
-        tilts = self.contact.tilts(self._tilts())
-        return self.system.mechanics.terms(state, self._driven(self.time), tilts)
+        return self.system.terms(self.y, self._driven(self.time), self.contact)
 
     def _advance(self, stop: float) -> None:
         """Goes to `stop`, through all events before it, or to the end of the run."""

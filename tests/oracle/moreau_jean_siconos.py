@@ -43,18 +43,18 @@ class Pinch(sk.LagrangianDS):  # type: ignore[misc]
         names: dict[str, Any] = dict(vars(math))
         exec(task["terms"], names)
         self._function, self._values = names[task["name"]], task["values"]
-        self._places = task["places"]
+        self._places, self._turning = task["places"], np.array(task["turning"])
         self.asked, self.integral = task["asked"][0], list(task["integral"])
         self.closed, self.frozen = [True, True], [0.0, 0.0]
         self.spent = 0.0
         self.allocateFInt()
 
     def tilts(self) -> list[float]:
-        q = self.q()
-        return [float(q[3] - q[2]), float(q[4] + q[2])]
+        tilts: list[float] = (self._turning @ self.q()).tolist()
+        return tilts
 
     def _flat(self, q: Any, v: Any) -> list[float]:
-        live = [float(q[3] - q[2]), float(q[4] + q[2])]
+        live = (self._turning @ q).tolist()
         tilts = [live[i] if self.closed[i] else self.frozen[i] for i in range(2)]
         state = (*map(float, q), *map(float, v), *self.integral, *self.asked)
         begin = time.thread_time()
@@ -75,10 +75,9 @@ class Pinch(sk.LagrangianDS):  # type: ignore[misc]
         """The forces, with the sign of the left-hand side, at one state."""
         flat = self._flat(self.q() if q is None else q, self.velocity() if v is None else v)
         force = np.array(flat[20:29])
-        for i, sign in enumerate((-1, 1)):
+        for i in range(2):
             if self.closed[i]:
-                force[2] -= sign * flat[29 + i]
-                force[3 + i] -= flat[29 + i]
+                force -= flat[29 + i] * self._turning[i]
         self.fInt()[:] = -force
 
 
@@ -98,14 +97,16 @@ class Stepping:
         self.pinch.closed = self.linearise()
         for contact in self.contacts:
             self.model.link(contact, self.pinch)
-        self.scheme = sk.MoreauJeanOSI(1.0)
+        self.scheme = sk.MoreauJeanOSI(task["theta"])
         self.scheme.setConstraintActivationThreshold(threshold)
         # Impulses are of the step's size: a tolerance for forces would be far too loose.
         self.problem = sk.FrictionContact(2, sn.SICONOS_FRICTION_2D_LEMKE)
         self.problem.numericsSolverOptions().dparam[0] = 1e-14
         self.grid = sk.TimeDiscretisation(0.0, self.step)
         self.run = sk.TimeStepping(self.model, self.grid, self.scheme, self.problem)
-        self.run.setNewtonOptions(sk.SICONOS_TS_LINEAR)
+        linear, iterated = sk.SICONOS_TS_LINEAR, sk.SICONOS_TS_NONLINEAR
+        self.run.setNewtonOptions(iterated if task["iterated"] else linear)
+        self.run.setNewtonTolerance(1e-10)
         self.run.initialize()
 
     def linearise(self) -> list[bool]:
@@ -151,6 +152,7 @@ class Stepping:
 def simulate(task: dict[str, Any]) -> dict[str, Any]:
     stepping = Stepping(task)
     changes: list[tuple[float, int, int]] = []
+    rows, watched = [], set(task["watched"])
     before: list[int] = []
     begin = time.thread_time()
     for k, asked in enumerate(stepping.asked):
@@ -161,11 +163,14 @@ def simulate(task: dict[str, Any]) -> dict[str, Any]:
             if not before or mode != before[i]
         ]
         before = modes
+        if k + 1 in watched:
+            rows.append(stepping.pinch.q().tolist())
     spent, pinch = time.thread_time() - begin, stepping.pinch
     return {
         "q": pinch.q().tolist(),
         "p": pinch.velocity().tolist(),
         "changes": changes,
+        "rows": rows,
         "spent": [spent, pinch.spent],
     }
 

@@ -138,7 +138,102 @@ def test_modes_that_last_less_than_10_microseconds_may_be_left_out() -> None:
         (0.3, "left", "free", "slip"),
         (0.3 + 1e-6, "left", "slip", "free"),
     ]
-    assert score.lasting(brief)["left"] == [(0.1, "slip"), (0.2, "free")]
+    left = [(0.1, "stick", "slip"), (0.2, "slip", "free")]
+    assert score.lasting(brief)["left"] == left
+    without = [brief[0], (0.2, "left", "slip", "free")]
+    assert score.event_error(score.lasting(brief), score.lasting(without)) == 0.0
+
+
+def test_wrong_modes_before_an_event_are_other_modes() -> None:
+    _, exact = score.solution(SLIP)
+    assert exact.events is not None
+    time, finger, before, after = exact.events[0]
+    assert before == "stick"
+    mine = score.Answer(exact.rows, [(time, finger, "free", after), *exact.events[1:]])
+    found = score.score(SLIP, mine)
+    assert math.isinf(found.errors["events"])
+    assert found.verdict == "right to 1e-09; other modes"
+
+
+def test_energy_and_times_of_events_count_in_the_verdict(tmp_path: Path) -> None:
+    rows, moments = answer(tmp_path, SLIP), events(tmp_path, SLIP)
+    size = np.abs(score.solution(SLIP)[1].rows[:, -1]).max()
+    for by, verdict in ((1e-5, "right to 1e-04"), (0.5, "FAILS: an error above 0.01, of energy")):
+        shift = shifted("energy", by * size)
+        found = score.score(SLIP, score.read(answer(tmp_path, SLIP, shift), moments)[SLIP])
+        assert found.verdict == verdict
+    rows = answer(tmp_path, SLIP)
+    end = score.solution(SLIP)[0]["answer"]["end"]
+    for by, verdict in (
+        (1e-7, "right to 1e-06"),
+        (0.02, "FAILS: an error above 0.01, of times of events"),
+    ):
+        found = score.score(SLIP, score.read(rows, events(tmp_path, SLIP, by * end))[SLIP])
+        assert found.verdict == verdict
+
+
+def test_two_rows_at_one_instant_must_agree(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for by, place, status in ((0.0, 0, 0), (1e-3, 0, 2), (1e-3, len(score.COLUMNS), 2)):
+
+        def twice(rows: np.ndarray, by: float = by, place: int = place) -> np.ndarray:
+            again = rows[7:8].copy()
+            again[0, 2] += by
+            return np.insert(rows, 8 if place == 0 else 7, again, axis=0)
+
+        found = printed(capsys, answer(tmp_path, SLIP, twice))
+        assert found[0] == status
+        assert ("2 rows at t = " in found[2]) == (status == 2)
+
+
+CREEP = ("problem", "creep_mm", "lost")
+
+
+def test_creep_alone_may_be_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = [[REST, "0.25", ""], ["03-held", "0.0016", ""], [LOST, "", "0.81"]]
+    path = table(tmp_path / "creep.csv", CREEP, mine)
+    status, out, err = printed(capsys, "--creep", path)
+    assert (status, err) == (0, "")
+    assert "creep 0.25 mm, should be 0 mm; the object is held, as it should be" in out
+    assert "creep alone: 3 of 3 objects" in out
+    assert "right to" not in out
+    wrong = table(tmp_path / "w.csv", CREEP, [[REST, "", "12"], [LOST, "0.4", ""]])
+    status, out, _ = printed(capsys, answer(tmp_path, SLIP), "--creep", wrong)
+    assert status == 1
+    assert "FAILS: it should be held" in out and "FAILS: it should be lost" in out
+    assert "1 of 1 problems are right" in out
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([[REST, "", ""]], "one of creep_mm and lost must be a number, one empty"),
+        ([[REST, "1", "2"]], "one of creep_mm and lost must be a number, one empty"),
+        ([[REST, "nan", ""]], "column creep_mm is nan; it must be finite"),
+        ([[REST, "-1", ""]], "must not be negative"),
+        ([[REST, "1", ""], [REST, "0", ""]], "has two lines"),
+        ([[SLIP, "1", ""]], "10-slip asks for no creep"),
+        ([["x", "1", ""]], "'x' is none of the problems"),
+        ([], "no rows"),
+    ],
+)
+def test_creep_that_cannot_be_scored_is_refused(
+    rows: list[list[str]], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = printed(capsys, "--creep", table(tmp_path / "c.csv", CREEP, rows))
+    assert (status, out) == (2, "")
+    assert message in err
+
+
+def test_a_file_and_a_probability_are_scored_together(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for by, problems in ((0.0, "1 of 1"), (0.1, "0 of 1")):
+        mine = answer(tmp_path, SLIP, shifted("y", by))
+        status, out, _ = printed(capsys, mine, "--rare", "171", "200000")
+        assert f"{problems} problems are right" in out and "24-rare" in out and "agrees" in out
+        assert status == (by != 0.0)
 
 
 def test_an_object_that_is_lost_needs_no_rows_after_that(tmp_path: Path) -> None:
@@ -248,3 +343,27 @@ def test_wilsons_interval_is_scipys(failures: int, runs: int) -> None:
     stats = pytest.importorskip("scipy.stats")
     expected = stats.binomtest(failures, runs).proportion_ci(0.99, method="wilson")
     np.testing.assert_allclose(score.wilson(failures, runs), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(("failures", "runs"), [(0, 1), (0, 1000), (1, 1000), (10, 10_000)])
+def test_too_few_runs_for_a_probability_fail(
+    failures: int, runs: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, _ = printed(capsys, "--rare", str(failures), str(runs))
+    assert status == 1
+    assert "plain runs have to be some 5e+04" in out
+    low, high = score.wilson(failures, runs)
+    assert low < 1e-3 < high
+
+
+def test_an_interval_of_another_way_than_plain_runs_is_judged(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for ends, status in (
+        (("1e-3", "0.9e-3", "1.1e-3"), 0),
+        (("1e-3", "0.9e-3", "1.01e-3"), 1),
+        (("1e-3", "0.5e-3", "1.1e-3"), 1),
+    ):
+        assert printed(capsys, "--probability", *ends)[0] == status
+    with pytest.raises(SystemExit):
+        score.main(["--probability", "1e-3", "2e-3", "3e-3"])
