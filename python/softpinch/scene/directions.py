@@ -24,6 +24,7 @@ from ..support.record import unchecked
 from .disturbance import DISTURBANCES, Compiled, Disturbance
 from .motion import MOTIONS
 from .parts import refuse_others
+from .paths import locate
 from .piecewise import Piecewise
 from .scene import Scene, State
 from .schedule import Schedule
@@ -56,7 +57,7 @@ def require_derivatives(scene: Scene, *, through_events: str | None = None) -> N
         raise ValueError(f'{through_events}: need contact = "bilateral": {why}')
     if scene.law == "sampled":
         why = "whose torques step from sample to sample"
-        raise ValueError(f"sensitivities: not with a SampledController, {why}")
+        raise ValueError(f"sensitivities: control must not be a SampledController, {why}")
 
 
 def listed(asked: object) -> list[str]:
@@ -78,8 +79,11 @@ def shapes(
         if reason := _REFUSED.get(path):
             raise ValueError(f"sensitivities: {path!r}: there is no derivative by it: {reason}")
     with checks.reworded("sensitivities: ", drop="vary: "):
-        found = _template(scene, paths, varied).shapes
-    return {path: found[path] for path in paths}
+        template = _template(scene, paths, varied)
+    for path in paths:
+        if path not in varied and locate(template.scene, path)[0] is None:
+            raise ValueError(f"sensitivities: {path!r} is None: give a number to differentiate by")
+    return {path: template.shapes[path] for path in paths}
 
 
 def count(shapes: Mapping[str, tuple[int, ...]]) -> int:
