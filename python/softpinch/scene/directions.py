@@ -80,9 +80,13 @@ def shapes(
             raise ValueError(f"sensitivities: {path!r}: there is no derivative by it: {reason}")
     with checks.reworded("sensitivities: ", drop="vary: "):
         template = _template(scene, paths, varied)
-    for path in paths:
-        if path not in varied and locate(template.scene, path)[0] is None:
-            raise ValueError(f"sensitivities: {path!r} is None: give a number to differentiate by")
+    for path in (path for path in paths if path not in varied):
+        # A tip's own mass that is None is the object's, but an object without a height has no end.
+        if locate(template.scene, path)[0] is None:
+            numbers = template.scene.parameters()[template.slots[path]]
+            if not np.isfinite(numbers).any():
+                rule = "is None: give a number to differentiate by"
+                raise ValueError(f"sensitivities: {path!r} {rule}")
     return {path: template.shapes[path] for path in paths}
 
 
