@@ -71,7 +71,8 @@ def with_load(load: Disturbance) -> sp.Scene:
 
 SAMPLED = replace(SCENE, control=sp.SampledController.pid(1e-3, 4.0, 0.05, 20.0))
 REFUSED: dict[str, tuple[sp.Scene, Any]] = {
-    "SampledController": (SAMPLED, "gravity"),
+    "control must not be a SampledController": (SAMPLED, "gravity"),
+    "'grasped.height' is None": (SCENE, "grasped.height"),
     "'grasped.weight'.*no field 'weight'": (SCENE, "grasped.weight"),
     "'hand.tip.radius'.*is a pair": (SCENE, ["gravity", "hand.tip.radius"]),
     "'duration': there is no derivative by it": (SCENE, "duration"),

@@ -413,7 +413,7 @@ def _rows(arrays: Iterable[NDArray[Any]]) -> Iterator[tuple[Any, ...]]:
 
 def computed(request: Request, sensitivities: Sequence[str] = ()) -> Run:
     """Computes a run, without the warnings and estimates of `simulate`."""
-    wanted = checked(request.scene, sensitivities)
+    wanted = checked(request, sensitivities)
     result = request.run_to_end()
-    slopes = differentiated(request, result["t"], wanted) if wanted[0] else None
+    slopes = differentiated(request, result["t"], wanted)
     return Run(request.scene, request.options, result, slopes=slopes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,8 @@ class Sensitivity(Shown, Mapping[str, Floats]):
 
     In unilateral contact they jump at the events of contacts, whose times have derivatives
     (`ContactChange.sensitivity`). Where an event only just happens, or coincides with another one
-    or with a breakpoint, there are none: from there on they are NaN, with a warning.
+    or with a breakpoint, there are none: from there on they are NaN, with a warning. Those by a
+    number that moves a breakpoint are NaN from a change of modes at it on; the others stay.
     """
 
     def __init__(
@@ -142,6 +144,10 @@ class Sensitivity(Shown, Mapping[str, Floats]):
         if not -rows <= k < rows:
             raise IndexError(f"k = {checks.shown(k)}: the run has only {rows} recorded rows")
         whole = np.concatenate([self._found["state"][k], self._found["integral"][k]])
+        lost = [path for path, own in by_path(whole, self._shapes).items() if np.isnan(own).any()]
+        if lost:
+            why = f"the derivatives by {checks.quoted(lost)} are NaN in this row"
+            raise ValueError(f"sensitivity.at: k = {k}: {why}, so none go on from it")
         return SensitivityState(shapes=self._shapes, derivatives=whole)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -156,10 +162,10 @@ class Sensitivity(Shown, Mapping[str, Floats]):
 
 
 def checked(
-    scene: Scene, asked: str | Sequence[str] | SensitivityState
-) -> tuple[dict[str, tuple[int, ...]], Floats | None]:
-    """Checks `sensitivities`: path -> shape, and derivatives of the start if given."""
-    seeds = None
+    request: Request, asked: str | Sequence[str] | SensitivityState
+) -> tuple[dict[str, tuple[int, ...]], _core.Directions | None]:
+    """Checks `sensitivities` before the run: path -> shape, and the directions, if any."""
+    scene, seeds = request.scene, None
     if isinstance(asked, SensitivityState):
         seeds = asked.derivatives
         paths = list(asked.shapes)
@@ -169,26 +175,38 @@ def checked(
         checks.require_finite("sensitivities.derivatives", seeds)
     else:
         paths = listed(asked)
-    if paths:
-        require_derivatives(scene)
-        _require_known_start(scene, seeds)
+    if not paths:
+        return {}, None
+    require_derivatives(scene)
+    _require_known_start(scene, seeds)
     found = shapes(scene, paths)
     if seeds is not None and found != asked.shapes:  # type: ignore[union-attr]
         raise ValueError("sensitivities: the SensitivityState is that of another scene")
-    return found, seeds
+    along = directions(scene, paths, seeds=seeds)
+    # Without rows, the core only refuses what has no derivatives.
+    _core.sensitivities(request.simulation(), along, np.empty(0))
+    return found, along
 
 
 def differentiated(
-    request: Request, t: Floats, wanted: tuple[dict[str, tuple[int, ...]], Floats | None]
-) -> Sensitivity:
+    request: Request, t: Floats, wanted: tuple[dict[str, tuple[int, ...]], _core.Directions | None]
+) -> Sensitivity | None:
     """Computes the derivatives of a run at its recorded times `t`; `wanted` is from `checked`."""
-    paths, seeds = wanted
-    along = directions(request.scene, list(paths), seeds=seeds)
-    found, changes, failed = _core.sensitivities(request.simulation(), along, t)
-    if failed is not None:
-        warn(f"{failed}. The derivatives from there on are NaN", StabilityWarning)
+    paths, along = wanted
+    if along is None:
+        return None
+    found, followed = _core.sensitivities(request.simulation(), along, t)
+    failed, times = zip(*followed, strict=True)
+    # Times of changes after the last that is known are NaN.
+    changes = np.array(list(zip_longest(*times, fillvalue=np.nan))).reshape(-1, len(times))
+    lost = by_path(np.array([failed], dtype=object), paths)
+    for reason in dict.fromkeys(filter(None, failed)):
+        own = [path for path, reasons in lost.items() if (reasons == reason).any()]
+        by = "" if len(own) == len(paths) else f" by {checks.quoted(own)}"
+        warn(f"{reason}{by}. The derivatives from there on are NaN", StabilityWarning)
     ends = np.cumsum(list(_core.SENSITIVITIES.values()))[:-1]
-    parts = dict(zip(_core.SENSITIVITIES, np.split(found, ends, axis=1), strict=True))
+    split = np.split(np.moveaxis(found, 0, -1), ends, axis=1)
+    parts = dict(zip(_core.SENSITIVITIES, split, strict=True))
     # Copies, so that the memory of what was not recorded can be used again.
     left_out = {*_RECORDED} - {*request.options.record}
     kept = {name: part.copy() for name, part in parts.items() if name not in left_out}

@@ -102,15 +102,15 @@ def simulate(
     if checks.boolean("estimate_error", estimate_error) and not estimable:
         rule = "needs 'state' or 'multipliers' in record"
         raise ValueError(f"estimate_error with record={options.record}: {rule}")
-    wanted = checked_paths(scene, sensitivities)
-    usual.warn(scene)
     request = Request(scene, options)
+    wanted = checked_paths(request, sensitivities)
+    usual.warn(scene)
     result = request.compute()
     warn_of_steps(request, result)
     stopped = result["status"] == "interrupted"
     error = estimate(request, result) if estimate_error and not stopped else None
     stopped |= error is not None and error.interrupted
-    slopes = differentiated(request, result["t"], wanted) if wanted[0] and not stopped else None
+    slopes = None if stopped else differentiated(request, result["t"], wanted)
     return Run(scene, options, result, error, slopes)
 
 

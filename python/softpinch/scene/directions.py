@@ -24,6 +24,7 @@ from ..support.record import unchecked
 from .disturbance import DISTURBANCES, Compiled, Disturbance
 from .motion import MOTIONS
 from .parts import refuse_others
+from .paths import locate
 from .piecewise import Piecewise
 from .scene import Scene, State
 from .schedule import Schedule
@@ -56,7 +57,7 @@ def require_derivatives(scene: Scene, *, through_events: str | None = None) -> N
         raise ValueError(f'{through_events}: need contact = "bilateral": {why}')
     if scene.law == "sampled":
         why = "whose torques step from sample to sample"
-        raise ValueError(f"sensitivities: not with a SampledController, {why}")
+        raise ValueError(f"sensitivities: control must not be a SampledController, {why}")
 
 
 def listed(asked: object) -> list[str]:
@@ -78,8 +79,15 @@ def shapes(
         if reason := _REFUSED.get(path):
             raise ValueError(f"sensitivities: {path!r}: there is no derivative by it: {reason}")
     with checks.reworded("sensitivities: ", drop="vary: "):
-        found = _template(scene, paths, varied).shapes
-    return {path: found[path] for path in paths}
+        template = _template(scene, paths, varied)
+    for path in (path for path in paths if path not in varied):
+        # A tip's own mass that is None is the object's, but an object without a height has no end.
+        if locate(template.scene, path)[0] is None:
+            numbers = template.scene.parameters()[template.slots[path]]
+            if not np.isfinite(numbers).any():
+                rule = "is None: give a number to differentiate by"
+                raise ValueError(f"sensitivities: {path!r} {rule}")
+    return {path: template.shapes[path] for path in paths}
 
 
 def count(shapes: Mapping[str, tuple[int, ...]]) -> int:

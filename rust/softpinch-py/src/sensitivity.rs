@@ -5,12 +5,12 @@ use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
 use crate::batch::Batch;
-use crate::convert::{GivenRow, GivenRows, Rows, columns, entries, raise, require, room, select};
+use crate::convert::{GivenRow, GivenRows, columns, entries, raise, require, room, select};
 use crate::inputs::Inputs;
 use crate::signals::detached;
 use crate::simulation::Simulation;
 use softpinch::driver::{
-    COMPONENTS, Derivatives, Direction, Shift, Wanted, derivatives, sensitivities as core,
+    COMPONENTS, Derivatives, Direction, DirectionEnd, Request, Shift, derivatives, sensitivities as core,
 };
 use softpinch::error::lookup;
 use softpinch::model::{Motion, PARAMETER_COUNT, STARTS, Start};
@@ -71,31 +71,29 @@ impl Directions {
 }
 
 fn shift(row: &[f64; 9]) -> Shift {
-    let [_, time, right, left, right_rate, left_rate, x, y, moment] = *row;
-    Shift { time, target: [right, left], acceleration: [right_rate, left_rate], force: [x, y, moment] }
+    let [_, time, by @ ..] = *row;
+    Shift { time, by }
 }
 
-/// The derivatives of a run at the times `rows`, (rows, components, directions); `SENSITIVITIES` has the components.
-/// With them come those of the times of the contacts' changes, (changes, directions), and where they end before the run,
-/// in words; from there on they are NaN, and changes are missing. Ctrl-C is raised.
+/// The derivatives of a run at the times `rows`, (directions, rows, components); `SENSITIVITIES` has the components.
+/// With them comes for each direction where they end before the run, in words, or None; from there on they are NaN. And those
+/// of the times of the contacts' changes until then. Without rows the run is only checked. Ctrl-C is raised.
 #[pyfunction]
 pub fn sensitivities<'py>(
     py: Python<'py>,
     simulation: &Simulation,
     directions: &Directions,
     rows: GivenRow<'py>,
-) -> PyResult<(Numbers<'py>, Rows<'py>, Option<String>)> {
-    let rows = entries("rows, in numbers,", &rows)?;
+) -> PyResult<(Numbers<'py>, Vec<DirectionEnd>)> {
+    let rows = &entries("rows, in numbers,", &rows)?[..];
     let Simulation { scene, options } = simulation;
     let Directions { directions, start } = directions;
-    let wanted = Wanted::Rows(&rows);
-    let found = detached(py, |stops| core(scene, options, *start, directions, wanted, stops))?
-        .map_err(raise)?
-        .ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
+    let found = detached(py, |interrupted| {
+        core(Request { scene, options, start: *start, directions, rows, summaries: &[], interrupted })
+    })?;
+    let found = found.map_err(raise)?.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let numbers = PyArray1::from_vec(py, found.numbers);
-    let changes = found.changes.len() / directions.len().max(1);
-    let times = PyArray1::from_vec(py, found.changes).reshape([changes, directions.len()])?;
-    Ok((numbers.reshape([rows.len(), COMPONENTS, directions.len()])?, times, found.failed))
+    Ok((numbers.reshape([directions.len(), rows.len(), COMPONENTS])?, found.ends))
 }
 
 /// The derivatives of the last states and of the summaries of the runs of a batch, (runs, directions, 18 + summaries).
@@ -121,19 +119,22 @@ pub fn gradients<'py>(
         "directions: must be those of all runs, or equally many of each run".to_owned()
     })?;
     let width = count * (18 + summaries.len());
-    let one = |run: usize, stops: &dyn Fn() -> bool| {
+    let one = |run: usize, interrupted: &dyn Fn() -> bool| {
         let Directions { directions, start } = own[if own.len() == 1 { 0 } else { run }];
-        let wanted = Wanted::Ends { until: until[run], summaries: &summaries };
-        core(&batch.scene(run)?, options, *start, directions, wanted, stops)
+        let (scene, rows, summaries) = (&batch.scene(run)?, &until[run..=run], &summaries[..]);
+        core(Request { scene, options, start: *start, directions, rows, summaries, interrupted })
     };
     let found = detached(py, |stops| derivatives(runs, threads, one, &mut || stops()))?
         .map_err(raise)?
         .ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
     let mut numbers = room("the gradients, in numbers,", runs * width)?;
     let mut failed = Vec::new();
-    for (run, Derivatives { numbers: own, failed: why, .. }) in found.into_iter().enumerate() {
-        numbers.extend(own);
-        failed.extend(why.map(|why| (run, why)));
+    for (run, Derivatives { numbers: end, summaries: own, ends }) in found.into_iter().enumerate() {
+        for k in 0..count {
+            numbers.extend(&end[k * COMPONENTS..][..18]);
+            numbers.extend(&own[k * summaries.len()..][..summaries.len()]);
+        }
+        failed.extend(ends.into_iter().find_map(|(why, _)| why).map(|why| (run, why)));
     }
     let numbers = PyArray1::from_vec(py, numbers).reshape([runs, count, 18 + summaries.len()])?;
     Ok((numbers, failed))

@@ -70,9 +70,6 @@ pub enum Error {
         seconds(*time)
     )]
     NoDerivative { time: f64, correction: f64 },
-    /// A run has no derivative after an event of its contacts.
-    #[error("sensitivities: at t = {} {why}, so there are no derivatives", seconds(*time))]
-    NoEventDerivative { time: f64, why: &'static str },
     /// A name that is not in a table.
     #[error("{field} = {name:?}: must be one of {allowed}")]
     Unknown { field: &'static str, name: String, allowed: String },

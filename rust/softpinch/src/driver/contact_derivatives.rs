@@ -6,15 +6,18 @@
 //! on the time is a number with derivatives, until the step ends at a time that is fixed: the state jumps by the saltation
 //! matrix.
 
-use crate::error::{Error, Result};
-use crate::formulation::{Evaluation, MAX_COMPONENTS, RunDual, RunDualEquations, States, System};
-use crate::method::{RunDualMethod, Step, Unsolved, values};
-use crate::model::{Mode, SegmentDrive};
+use crate::driver::sensitivities::Request;
+use crate::error::{Error, Result, seconds};
+use crate::formulation::{MAX_COMPONENTS, RunDual, RunDualEquations, States, System};
+use crate::method::{RunDualMethod, Runs, Step, Unsolved, values};
+use crate::model::{ContactModel, Mode, SegmentDrive, VariedParameters};
 use crate::number::{Instructions, LaneTask, Lanes, Real, task};
-use crate::stepping::{Cause, Event, EventResult, LaneContact, Limits, Passage};
+use crate::stepping::{Cause, Event, EventResult, LaneContact, Limits, Moment, Passage, Segment};
 
 /// Events closer together than this share of a step are one, whose derivative depends on their order.
 const TOGETHER: f64 = 1e-9;
+/// Events of the same kind of both tips are one if closer together than this share of the time since the last event.
+const ALIKE: f64 = 1e-6;
 /// A condition whose rate at its event is below this share of its mean rate in the step only grazes zero.
 const GRAZING: f64 = 1e-6;
 /// A share of a step in which round-off has a part in the mean rate.
@@ -24,49 +27,146 @@ const COINCIDES: &str = "an event coincides with another one or with a breakpoin
 
 /// The method of a run with derivatives, and its contacts if they are unilateral.
 pub struct Stepper<R> {
-    pub instructions: Instructions,
+    instructions: Instructions,
     pub method: RunDualMethod<R>,
     pub contact: Option<ContactDerivatives<R>>,
 }
 
 pub struct ContactDerivatives<R> {
     pub lane: LaneContact,
-    pub limits: Limits<RunDual<R>>,
-    /// The time of the last event or breakpoint, and the end of the segment, since its start, s.
-    pub between: [f64; 2],
-    /// The times of the changes of modes.
-    pub changes: Vec<RunDual<R>>,
+    limits: Limits<RunDual<R>>,
+    pub passed: Passed<R>,
 }
 
-/// The state at a time of a segment, and its equations.
+/// What a run has passed until now.
+#[derive(Clone)]
+pub struct Passed<R> {
+    /// The time of the last event or breakpoint, and the end of the segment, since its start, s.
+    between: [f64; 2],
+    /// The times of the changes of modes.
+    changes: Vec<RunDual<R>>,
+    /// For each direction the time from which there are no derivatives, s, and the reason.
+    lost: Vec<Option<(f64, &'static str)>>,
+}
+
+/// The numbers of a state.
+pub type DualStates<R> = States<RunDual<R>>;
+
+/// The state at a time of the segment that starts at `anchor`, and its equations.
+#[derive(Clone)]
 pub struct Place<'a, R> {
     pub equations: &'a RunDualEquations<R>,
-    pub drive: &'a mut SegmentDrive<RunDual<R>>,
+    pub anchor: f64,
+    pub drive: SegmentDrive<RunDual<R>>,
     pub tau: RunDual<R>,
-    pub y: States<RunDual<R>>,
+    pub y: DualStates<R>,
 }
 
-/// The state at the end of a step, and its evaluation.
-type End<R> = (States<RunDual<R>>, Evaluation<RunDual<R>>);
-
 task! {
-    ['w, R: Lanes]
-    Pass<'w, R>(stepper: &'w mut Stepper<R>, place: Place<'w, R>, h: f64, impulse: &'w [RunDual<R>; 3],
-        log: &'w [Passage])
-    for R => Result<States<RunDual<R>>> = stepper.pass(place, (h, impulse), log)
+    ['w, 'p, R: Lanes]
+    Pass<'w, 'p, R>(contact: &'w mut ContactDerivatives<R>, method: &'w mut RunDualMethod<R>, place: &'w mut Place<'p, R>,
+        h: f64, impulse: &'w [RunDual<R>; 3], log: &'w [Passage])
+    for R => Result = contact.pass(method, place, (h, impulse), log)
 }
 
 impl<R: Lanes> Stepper<R> {
-    /// Lets the contacts do `work` in a step of length `h`, with an impulse on the object, and follows it to the end of the
-    /// step. `None` if nothing happens.
+    /// The stepper at the start of a run with derivatives in `count` directions.
+    pub fn new(
+        instructions: Instructions,
+        runs: Runs<'_>,
+        &Request { options, scene, .. }: &Request<'_>,
+        (source, count): (&VariedParameters<'_>, usize),
+    ) -> Result<Self> {
+        let mut contact = None;
+        if options.contact == ContactModel::Unilateral {
+            let mut lane = LaneContact::new(instructions, options, scene);
+            lane.restart(options, scene)?;
+            let passed = Passed { between: [0.0; 2], changes: Vec::new(), lost: vec![None; count] };
+            contact = Some(ContactDerivatives { lane, limits: Limits::new(source), passed });
+        }
+        Ok(Self { instructions, method: RunDualMethod::new(runs, options.method), contact })
+    }
+
+    /// Why a direction has no derivatives from a time on, if so, and the derivatives of the times of changes of modes.
+    pub fn changes(&self, direction: usize) -> (Option<String>, Vec<f64>) {
+        let Some(Passed { changes, lost, .. }) = self.contact.as_ref().map(|contact| &contact.passed) else {
+            return Default::default();
+        };
+        let (until, why) = lost[direction].unwrap_or((f64::INFINITY, ""));
+        let lost = format!("sensitivities: at t = {} {why}, so there are no derivatives", seconds(until));
+        let known = changes.iter().take_while(|time| time.lane(0) < until);
+        ((until < f64::INFINITY).then_some(lost), known.map(|time| time.direction(direction)).collect())
+    }
+
+    /// Whether no direction has derivatives any more.
+    pub fn has_lost_all(&self) -> bool {
+        self.contact.as_ref().is_some_and(|contact| contact.passed.lost.iter().all(Option::is_some))
+    }
+
+    /// Chooses the modes at the start of a segment, before a step of length `h`. `moves` says in which directions the
+    /// start moves.
     #[inline(always)]
-    pub fn follow(
+    pub fn begin(
         &mut self,
-        place: Place<'_, R>,
-        (h, impulse): (f64, &[RunDual<R>; 3]),
+        place: &mut Place<'_, R>,
+        (segment, inputs, h): (&Segment, SegmentDrive, f64),
+        moves: impl Fn(usize) -> bool,
+    ) -> Result {
+        let tau = place.tau.lane(0);
+        let Some(ContactDerivatives { lane, passed, .. }) = &mut self.contact else { return Ok(()) };
+        let modes = lane.run.modes();
+        lane.enter(segment.anchor, inputs);
+        passed.between = [tau, segment.end - segment.anchor];
+        let begin = |lane: &mut LaneContact, y: &_| lane.begin(&Moment { earlier: false, tau, h, y });
+        self.follow(place, (0.0, [RunDual::zero(); 3]), begin)?;
+        if let Some(contact) = self.contact.as_mut().filter(|contact| contact.lane.run.modes() != modes) {
+            let why = "the modes of contacts change at a breakpoint that a path moves";
+            contact.passed.lose(place, |k| moves(k).then_some(why));
+        }
+        Ok(())
+    }
+
+    /// Lets an impulse act on the object, before a step of length `h`.
+    #[inline(always)]
+    pub fn strike(&mut self, place: &mut Place<'_, R>, (h, impulse): (f64, [RunDual<R>; 3])) -> Result {
+        let Place { equations, drive, tau, y, .. } = place;
+        if self.contact.is_none() {
+            equations.system.jump(&drive.at(*tau), y, &impulse);
+            return Ok(());
+        }
+        let plain = impulse.map(|number| number.lane(0));
+        let strike = |lane: &mut LaneContact, y: &_| {
+            let at = Moment { earlier: false, tau: 0.0, h, y };
+            lane.change(&at, |stepper, place| stepper.strike(place, &plain))
+        };
+        self.follow(place, (0.0, impulse), strike).map(|_| ())
+    }
+
+    /// Takes a step of length `h`, with all events in it. `rate` is that at its start.
+    #[inline(always)]
+    pub fn step(&mut self, place: &mut Place<'_, R>, h: f64, rate: &DualStates<R>) -> Result {
+        let (tau, by) = (place.tau, RunDual::constant(h));
+        let next = place.arrive(&mut self.method, by, rate)?;
+        let arrived = values(&next);
+        let advance = |lane: &mut LaneContact, y: &_| {
+            lane.advance(&Moment { earlier: false, tau: tau.lane(0), h, y }, &arrived)
+        };
+        if !self.follow(place, (h, [RunDual::zero(); 3]), advance)? {
+            (place.tau, place.y) = (tau + by, next);
+        }
+        Ok(())
+    }
+
+    /// Lets the contacts do `work` in a step of length `h`, with an impulse on the object, and follows it to the end of the
+    /// step. Returns whether anything happens.
+    #[inline(always)]
+    fn follow(
+        &mut self,
+        place: &mut Place<'_, R>,
+        (h, impulse): (f64, [RunDual<R>; 3]),
         work: impl FnOnce(&mut LaneContact, &States<f64>) -> EventResult<States<f64>>,
-    ) -> Result<Option<States<RunDual<R>>>> {
-        let Some(contact) = &mut self.contact else { return Ok(None) };
+    ) -> Result<bool> {
+        let Self { instructions, method, contact: Some(contact) } = self else { return Ok(false) };
         let ended = work(&mut contact.lane, &values(&place.y)).is_err();
         let mut log = contact.lane.run.log.clone();
         while ended && !matches!(log.last(), None | Some(Passage::Modes(..))) {
@@ -74,85 +174,89 @@ impl<R: Lanes> Stepper<R> {
             log.pop();
         }
         if log.is_empty() {
-            return Ok(None);
+            return Ok(false);
         }
-        R::call(self.instructions, Pass { stepper: self, place, h, impulse, log: &log }).map(Some)
+        let pass = Pass { contact, method, place, h, impulse: &impulse, log: &log };
+        R::call(*instructions, pass).map(|()| true)
     }
+}
 
+impl<R: Lanes> Passed<R> {
+    /// From here on there are no derivatives in the directions for which `why` has a reason.
+    fn lose(&mut self, place: &mut Place<'_, R>, why: impl Fn(usize) -> Option<&'static str>) {
+        let time = place.anchor + place.tau.lane(0);
+        for (k, lost) in self.lost.iter_mut().enumerate() {
+            *lost = lost.or_else(|| Some((time, why(k)?)));
+        }
+        let slopes: Vec<_> = self.lost.iter().map(|lost| lost.map_or(0.0, |_| f64::NAN)).collect();
+        let nothing = RunDual::varied(0.0, &slopes);
+        place.y.iter_mut().for_each(|number| *number = *number + nothing);
+    }
+}
+
+impl<R: Lanes> ContactDerivatives<R> {
     #[inline(always)]
     fn pass(
         &mut self,
-        mut place: Place<'_, R>,
+        method: &mut RunDualMethod<R>,
+        place: &mut Place<'_, R>,
         (h, impulse): (f64, &[RunDual<R>; 3]),
         log: &[Passage],
-    ) -> Result<States<RunDual<R>>> {
+    ) -> Result {
         let end = place.tau + RunDual::constant(h);
-        let mut begins = false;
         for &passage in log {
-            let mut why = None;
+            let Place { equations: RunDualEquations { system, .. }, drive, tau, y, .. } = place;
             match passage {
-                Passage::Step(length, event) => {
-                    begins = event.cause == Cause::Cone;
-                    why = self.reach(&mut place, (length, h), event)?;
-                }
-                Passage::Jump(jump) => {
-                    place.equations.system.apply((place.drive, place.tau), &mut place.y, jump, impulse);
-                }
+                Passage::Step(length, event) => self.reach(method, place, (length, h), event)?,
+                Passage::Jump(jump) => system.apply((drive, *tau), y, jump, impulse),
+                Passage::Undefined(why) => self.passed.lose(place, |_| Some(why)),
                 Passage::Modes(contacts, changes) => {
+                    self.passed.changes.resize(changes, RunDual::constant(place.anchor) + *tau);
                     // A tip that opens freezes its tilt.
-                    let tilt = place.equations.system.evaluate(place.drive, place.tau, &place.y).tilt;
-                    let held = &mut place.drive.contacts;
+                    let tilt = system.evaluate(drive, *tau, y).tilt;
                     let [right, left] = contacts;
-                    let (kept, tilts) = (held.frozen_tilt, [right.frozen_tilt, left.frozen_tilt]);
+                    let (kept, tilts) = (drive.contacts.frozen_tilt, [right.frozen_tilt, left.frozen_tilt]);
                     for lane in 0..R::WIDTH {
-                        held.set(lane, [right.mode, left.mode], tilts);
+                        drive.contacts.set(lane, [right.mode, left.mode], tilts);
                     }
                     for i in 0..2 {
                         if contacts[i].mode == Mode::Free {
                             let same = kept[i].lane(0) == tilts[i];
-                            held.frozen_tilt[i].slope = if same { kept[i].slope } else { tilt[i].slope };
-                        }
-                    }
-                    if let Some(contact) = &mut self.contact {
-                        // Where a slip begins forces do not jump, so no other mode ends because of it.
-                        if begins && changes > contact.changes.len() + 1 {
-                            why = Some(COINCIDES);
-                        } else {
-                            let anchor = RunDual::constant(contact.lane.run.anchor);
-                            contact.changes.resize(changes, anchor + place.tau);
+                            drive.contacts.frozen_tilt[i].slope =
+                                if same { kept[i].slope } else { tilt[i].slope };
                         }
                     }
                 }
-                Passage::Undefined(reason) => why = Some(reason),
-            }
-            if let (Some(why), Some(contact)) = (why, &self.contact) {
-                return Err(Error::NoEventDerivative {
-                    time: contact.lane.run.anchor + place.tau.lane(0),
-                    why,
-                });
             }
         }
-        let rest = end - place.tau;
-        Ok(if h > 0.0 { self.step(&place, rest)?.0 } else { place.y })
+        if h > 0.0 {
+            let now = place.equations.system.evaluate(&place.drive, place.tau, &place.y);
+            place.y = place.arrive(method, end - place.tau, &now.rate)?;
+        }
+        place.tau = end;
+        Ok(())
     }
 
-    /// Takes the step that leads to an event, with the derivative of its length. Returns why there is none.
+    /// Takes the step that leads to an event, with the derivative of its length.
     #[inline(always)]
     fn reach(
         &mut self,
+        method: &mut RunDualMethod<R>,
         place: &mut Place<'_, R>,
         (length, h): (f64, f64),
         event: Event,
-    ) -> Result<Option<&'static str>> {
-        let (mut by, mut y, mut found) = (RunDual::constant(length), place.y, [RunDual::<R>::zero(); 3]);
+    ) -> Result {
+        let (mut by, mut y, mut found) = (RunDual::constant(length), place.y, [[RunDual::<R>::zero(); 2]; 3]);
         // A tip that just touches at the start is relaxed but for round-off.
         let rests = event.cause == Cause::Relaxed && length <= TOGETHER * h;
-        let mut now = place.equations.system.evaluate(place.drive, place.tau, &y);
+        let Place { equations: RunDualEquations { system, .. }, drive, tau, .. } = &*place;
+        let mut now = system.evaluate(drive, *tau, &y);
+        let rate = now.rate;
+        let events = [event, Event { finger: 1 - event.finger, ..event }];
         // Derivatives are linear in that of the length, so two of them give the one at which the condition stays zero.
         for trial in 0..3 {
-            let Some(contact) = &self.contact else { return Ok(None) };
-            found[trial] = contact.limits.event_value(&now, &place.drive.contacts, event);
-            let [_, held, moving] = found;
+            found[trial] = events.map(|event| self.limits.event_value(&now, &drive.contacts, event));
+            let [_, [held, _], [moving, _]] = found;
             for k in 0..by.slope.len() {
                 by.slope[k] = match trial {
                     1 => R::constant(1.0),
@@ -160,35 +264,49 @@ impl<R: Lanes> Stepper<R> {
                     _ => R::zero(),
                 };
             }
-            (y, now) = self.step(place, by)?;
+            y = place.arrive(method, by, &rate)?;
+            now = system.evaluate(drive, *tau + by, &y);
         }
-        let rate = found[2].direction(0) - found[1].direction(0);
+        let modes = |i: usize| [drive.contacts.free[i], drive.contacts.graze[i], drive.contacts.slip(i)];
+        let alike = modes(0).map(|lanes| lanes & 1) == modes(1).map(|lanes| lanes & 1);
         (place.tau, place.y) = (place.tau + by, y);
-        let Some(contact) = &mut self.contact else { return Ok(None) };
-        let t = place.tau.lane(0);
-        let [last, end] = contact.between;
+        let (t, [last, end]) = (place.tau.lane(0), self.passed.between);
+        self.passed.between[0] = t;
         let together = (t - last).min(end - t) <= TOGETHER * h;
-        contact.between[0] = t;
-        let falls = -rate * length > GRAZING * found[0].lane(0) || length < SHORT * h;
-        Ok(match () {
-            () if rests => None,
-            () if together => Some(COINCIDES),
-            () if !(rate < 0.0 && falls) => Some("an event only just happens"),
-            () => None,
-        })
+        self.passed.lose(place, |k| {
+            let [rate, other] = [0, 1].map(|i| found[2][i].direction(k) - found[1][i].direction(k));
+            let falls = -rate * length > GRAZING * found[0][0].lane(0) || length < SHORT * h;
+            // The other tip has the same event, too.
+            let both = alike && found[2][1].lane(0).abs() < ALIKE * (t - last) * other.abs();
+            match () {
+                () if rests => None,
+                () if together || both => Some(COINCIDES),
+                () if !(rate < 0.0 && falls) => Some("an event only just happens"),
+                () => None,
+            }
+        });
+        Ok(())
     }
+}
 
-    /// A step of the method, and the evaluation at its end.
+impl<R: Lanes> Place<'_, R> {
+    /// The state after a step of the method. `rate` is that at its start.
     #[inline(always)]
-    fn step(&mut self, Place { equations, drive, tau, y }: &Place<'_, R>, h: RunDual<R>) -> Result<End<R>> {
-        let (system, tau) = (&equations.system, *tau);
-        let rate = &system.evaluate(drive, tau, y).rate;
+    fn arrive(
+        &self,
+        method: &mut RunDualMethod<R>,
+        h: RunDual<R>,
+        rate: &DualStates<R>,
+    ) -> Result<DualStates<R>> {
+        let Self { equations, anchor, drive, tau, y } = self;
+        let (system, end) = (&equations.system, *tau + h);
         let mut next = [RunDual::zero(); MAX_COMPONENTS];
-        let step = Step { system, drive, tau, h, y, rate, allowed: None };
-        let attempt = self.method.step(equations, &step, &mut next);
-        attempt
-            .map_err(|Unsolved { correction, .. }| Error::NoDerivative { time: tau.lane(0), correction })?;
-        system.correct(drive, tau + h, &mut next);
-        Ok((next, system.evaluate(drive, tau + h, &next)))
+        let step = Step { system, drive, tau: *tau, h, y, rate, allowed: None };
+        // The equations were solved in the run, but not again to round-off.
+        let attempt = method.step(equations, &step, &mut next);
+        let time = anchor + end.lane(0);
+        attempt.map_err(|Unsolved { correction, .. }| Error::NoDerivative { time, correction })?;
+        system.correct(drive, end, &mut next);
+        Ok(next)
     }
 }

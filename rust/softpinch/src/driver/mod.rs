@@ -1,6 +1,7 @@
 //! The drivers of simulations: one run, many runs, and runs that are stepped from outside.
 
 mod contact_derivatives;
+mod differentiated_run;
 pub(crate) mod ensemble;
 mod lanes;
 pub(crate) mod sensitivities;
@@ -12,7 +13,9 @@ mod threads;
 
 pub use ensemble::{Row, derivatives, ensemble};
 pub(crate) use lanes::RunsInLanes;
-pub use sensitivities::{COMPONENTS, Derivatives, Direction, QUANTITIES, Shift, Wanted, sensitivities};
+pub use sensitivities::{
+    COMPONENTS, Derivatives, Direction, DirectionEnd, QUANTITIES, Request, Shift, sensitivities,
+};
 pub(crate) use simulate::require_valid;
 pub use simulate::{Outline, check, outline, simulate, stability_warning};
 pub use simulator::{Observed, Simulator};

@@ -3,8 +3,7 @@
 
 use proptest::prelude::*;
 
-use crate::driver::sensitivities::{COMPONENTS, Direction};
-use crate::driver::sensitivities::{Wanted, sensitivities};
+use crate::driver::sensitivities::{COMPONENTS, Direction, Request, sensitivities};
 use crate::driver::simulate::simulate;
 use crate::formulation::table::FORMULATIONS;
 use crate::method::table::METHODS;
@@ -94,9 +93,18 @@ proptest! {
                     let scene = line.scene(0.0);
                     let end = [scene.duration];
                     let directions = [line.direction()];
-                    let found = sensitivities(&scene, &options, Some(start), &directions, Wanted::Rows(&end), &|| false);
+                    let request = Request {
+                        scene: &scene,
+                        options: &options,
+                        start: Some(start),
+                        directions: &directions,
+                        rows: &end,
+                        summaries: &[],
+                        interrupted: &|| false,
+                    };
+                    let found = sensitivities(request);
                     let found = found.unwrap().unwrap();
-                    prop_assert_eq!((found.numbers.len(), &found.failed), (COMPONENTS, &None));
+                    prop_assert_eq!((found.numbers.len(), &found.ends), (COMPONENTS, &vec![(None, Vec::new())]));
                     let end = |at: f64| simulate(&line.scene(at), &options, &|| false).unwrap().0.last.motion;
                     let (before, after) = (end(-CHANGE), end(CHANGE));
                     for (first, before, after) in [(0, before.q, after.q), (9, before.p, after.p)] {

@@ -1,0 +1,266 @@
+//! A run with derivatives in some directions: its steps, which are those of the run itself, and what breakpoints and
+//! impulses add to the derivatives. `contact_derivatives.rs` follows the events of unilateral contact.
+
+use crate::driver::contact_derivatives::{DualStates, Place, Stepper};
+use crate::driver::sensitivities::{Direction, Kept, Request, Take};
+use crate::error::Result;
+use crate::formulation::{MAX_COMPONENTS, RunDual, RunDualEquations, StageState, System};
+use crate::method::values;
+use crate::model::{Input, Motion, Scene, SegmentDrive, State, VariedParameters, unpacked};
+use crate::number::{Instructions, LaneTask, Lanes, Real, task};
+use crate::stepping::{Grid, POLL, Segment, Span, Steps};
+
+/// A step: its start since the segment's, its length, and the times at its end.
+struct StepTimes {
+    tau: f64,
+    h: f64,
+    tau_end: f64,
+    end: f64,
+}
+
+/// The step of a segment after `taken` steps of it. `ends` has the start of a free step, and the ends from there on.
+fn next_step(segment: &Segment, taken: u64, ends: Option<&[f64]>) -> Option<StepTimes> {
+    let Some(ends) = ends else {
+        let step = segment.first + taken;
+        let (tau, tau_end, end) = (segment.tau(step), segment.tau(step + 1), segment.time(step + 1));
+        return (step < segment.count).then_some(StepTimes { tau, h: segment.h, tau_end, end });
+    };
+    let &[from, end, ..] = ends else { return None };
+    let from = if taken == 0 { segment.anchor } else { from };
+    let (tau, tau_end) = (from - segment.anchor, end - segment.anchor);
+    (end <= segment.end).then_some(StepTimes { tau, h: end - from, tau_end, end })
+}
+
+/// A run with its derivatives in some directions, at most eight.
+pub(super) struct DifferentiatedRun<'a, R> {
+    pub instructions: Instructions,
+    pub request: Request<'a>,
+    pub ends: &'a [f64],
+    pub directions: &'a [Direction],
+    pub source: VariedParameters<'a>,
+    pub equations: RunDualEquations<R>,
+}
+
+task! {
+    pub(super) ['w, 's, R: Lanes]
+    FollowRun<'w, 's, R>(run: &'w DifferentiatedRun<'w, R>, stepper: &'w mut Stepper<R>, kept: &'w mut Kept<'s, R>)
+    for R => Result = run.follow(stepper, kept)
+}
+
+impl<R: Lanes> DifferentiatedRun<'_, R> {
+    /// Follows the run with a method until nothing more of it is wanted.
+    #[inline(always)]
+    fn follow(&self, stepper: &mut Stepper<R>, kept: &mut Kept<'_, R>) -> Result {
+        let (grid, mut ends) = self.times()?;
+        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = self;
+        let (inputs, initial) = (&scene.inputs, &scene.initial);
+        let mut segment = grid.first;
+        let mut drive = self.drive(segment.anchor);
+        if let Some([.., right, left]) = initial.contact {
+            drive.contacts.frozen_tilt = [RunDual::constant(right), RunDual::constant(left)];
+        }
+        let y = equations.system.begin(&self.start(&drive));
+        let mut place = Place { equations, anchor: segment.anchor, drive, tau: RunDual::zero(), y };
+        let mut rate = [RunDual::zero(); MAX_COMPONENTS];
+        let mut steps = 0u64;
+        loop {
+            let linearized = initial.linearized.filter(|_| segment.first > 0).map(|point| {
+                let (tau, motion) = unpacked(&point);
+                (tau, values(&equations.system.begin(&Motion::constant(&motion))))
+            });
+            stepper.method.begin(inputs.segment(segment.anchor), linearized);
+            place.tau = RunDual::constant(segment.tau(segment.first));
+            let h = next_step(&segment, 0, ends).map_or(segment.h, |step| step.h);
+            let moves = |k: usize| self.directions[k].moves(segment.start);
+            stepper.begin(&mut place, (&segment, inputs.segment(segment.anchor), h), moves)?;
+            self.visit(segment.start, &place, &mut rate, kept);
+            // A run that is resumed inside a segment has already had what happens at the start of the segment.
+            if segment.first == 0 && self.pass((segment.start, h), stepper, &mut place)? {
+                rate = self.rates(&place.drive.at(place.tau), &place);
+            }
+            let mut taken = 0;
+            while let Some(times) = next_step(&segment, taken, ends) {
+                if stepper.has_lost_all() {
+                    kept.give_up();
+                }
+                if kept.is_full() {
+                    return Ok(());
+                }
+                // A row may be inside a step: a step that ends there has its derivatives.
+                let row = kept.next_before(times.end);
+                let h = row.map_or(times.h, |row| (row - segment.anchor) - times.tau);
+                let start = row.map(|row| {
+                    let contact = stepper.contact.as_ref();
+                    (row, place.clone(), contact.map(|of| (of.lane.run.clone(), of.passed.clone())))
+                });
+                stepper.step(&mut place, h, &rate)?;
+                if let Some((row, start, before)) = start {
+                    self.visit(row, &place, &mut { rate }, kept);
+                    // The run goes on from the start of the step.
+                    place = start;
+                    if let (Some(contact), Some(before)) = (&mut stepper.contact, before) {
+                        (contact.lane.run, contact.passed) = before;
+                    }
+                    continue;
+                }
+                place.tau = RunDual::constant(times.tau_end);
+                taken += 1;
+                ends = ends.map(|ends| &ends[1..]);
+                steps += 1;
+                if steps.is_multiple_of(POLL) && interrupted() {
+                    return Ok(());
+                }
+                if times.end < segment.end {
+                    self.visit(times.end, &place, &mut rate, kept);
+                }
+            }
+            let Some(later) = grid.after(inputs, &segment).filter(|_| !kept.is_full()) else {
+                self.visit(segment.end, &place, &mut rate, kept);
+                return Ok(());
+            };
+            segment = later;
+            let contacts = place.drive.contacts;
+            (place.anchor, place.drive) = (segment.anchor, self.drive(segment.anchor));
+            place.drive.contacts = contacts;
+        }
+    }
+
+    /// The segments of the run, and the ends of its steps if these are free.
+    fn times(&self) -> Result<(Grid, Option<&[f64]>)> {
+        let Request { scene: Scene { inputs, initial, duration, .. }, options, .. } = self.request;
+        match options.steps {
+            Steps::Fixed(dt) => Ok((Grid::new(inputs, initial, *duration, dt, options.refine)?, None)),
+            Steps::Free { .. } => {
+                let span = Span::new(inputs, initial, *duration)?;
+                // One step to each segment, of which only the segments count.
+                let initial = &State { grid: None, ..initial.clone() };
+                Ok((Grid::over(inputs, initial, span, f64::INFINITY, 1)?, Some(self.ends)))
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn start(&self, drive: &SegmentDrive<RunDual<R>>) -> Motion<RunDual<R>> {
+        let initial = &self.request.scene.initial.motion;
+        let mut motion = Motion::<RunDual<R>>::constant(initial);
+        let (mut q, mut p) = (motion.q.row(), motion.p.row());
+        if let Some(start) = self.request.start {
+            let derived = start.varied(&self.source, &drive.at(RunDual::zero()), &initial.q);
+            for (own, derived) in
+                q.iter_mut().chain(&mut p).zip(derived.q.row().into_iter().chain(derived.p.row()))
+            {
+                own.slope = derived.slope;
+            }
+        }
+        for (n, own) in q.iter_mut().chain(&mut p).chain(&mut motion.memory).enumerate() {
+            let varied = |Motion { q, p, memory, .. }: &Motion<f64>| match n {
+                0..9 => q.row()[n],
+                9..18 => p.row()[n - 9],
+                _ => memory[n - 18],
+            };
+            *own = *own + self.varied(0.0, |one| varied(&one.initial));
+        }
+        Motion { q: q.into(), p: p.into(), ..motion }
+    }
+
+    /// Applies the shifts of inputs whose jump moves at a breakpoint, then its impulses. Returns whether there are any.
+    #[inline(always)]
+    fn pass(
+        &self,
+        (time, h): (f64, f64),
+        stepper: &mut Stepper<R>,
+        place: &mut Place<'_, R>,
+    ) -> Result<bool> {
+        let (start, input) = (place.tau, place.drive.at(RunDual::zero()));
+        let mut passes = self.directions.iter().any(|one| one.moves(time));
+        if passes {
+            self.shift(time, &input, place);
+        }
+        let inputs = &self.request.scene.inputs;
+        for (number, impulse) in inputs.fixed_impulses_at(time).enumerate() {
+            passes = true;
+            let slope = |one: &Direction, c: usize| {
+                one.inputs.fixed_impulses_at(time).nth(number).map_or(0.0, |slope| slope[c])
+            };
+            let component = |c: usize| self.varied(impulse[c], |one| slope(one, c));
+            let number = inputs.impulses_before(time) + number;
+            // An impulse that comes later by dt acts on the state that the rates before it reach in dt, and the
+            // rates after it act for dt less.
+            let by = self.varied(0.0, |one| one.impulse_times.get(number).copied().unwrap_or(0.0));
+            self.carry(&input, place, by);
+            // The angles of driven fingers are those of the instant to which the impulse moves.
+            let mut impulse = std::array::from_fn(component);
+            if let Some(frame) = &place.drive.frame {
+                [impulse[0], impulse[1]] = frame.motion(by).in_hand_axes([impulse[0], impulse[1]]);
+            }
+            place.tau = by;
+            stepper.strike(place, (h, impulse))?;
+            place.tau = start;
+            self.carry(&input, place, -by);
+        }
+        Ok(passes)
+    }
+
+    fn drive(&self, anchor: f64) -> SegmentDrive<RunDual<R>> {
+        let slopes: Vec<_> = self.directions.iter().map(|one| one.inputs.segment(anchor)).collect();
+        SegmentDrive::varied(&self.request.scene.inputs.segment(anchor), &slopes)
+    }
+
+    /// A number with its derivative in each direction.
+    fn varied(&self, value: f64, of: impl Fn(&Direction) -> f64) -> RunDual<R> {
+        RunDual::varied(value, &self.directions.iter().map(of).collect::<Vec<_>>())
+    }
+
+    /// Evaluates a state, and gives it to what is kept if that wants it.
+    #[inline(always)]
+    fn visit(&self, time: f64, place: &Place<'_, R>, rate: &mut DualStates<R>, kept: &mut Kept<'_, R>) {
+        let (system, Place { drive, tau, y, .. }) = (&self.equations.system, place);
+        if kept.wants(time) {
+            let now = &system.evaluate(drive, *tau, y);
+            *rate = now.rate;
+            R::call(self.instructions, Take { kept, system, time, y, now });
+        } else {
+            *rate = self.rates(&drive.at(*tau), place);
+        }
+    }
+
+    /// Adds the effect of the shifts at a breakpoint. The rates are affine in the inputs, so that the difference of
+    /// the derivatives with and without a shift is exact.
+    #[inline(always)]
+    fn shift(&self, time: f64, input: &Input<RunDual<R>>, place: &mut Place<'_, R>) {
+        let mut moved = *input;
+        let Input { target, target_acceleration, force, .. } = &mut moved;
+        let all = target.iter_mut().chain(target_acceleration).chain(force);
+        for (c, number) in all.enumerate() {
+            let here = |one: &Direction| {
+                one.shifts.iter().filter(|shift| shift.time == time).map(|shift| shift.by[c]).sum()
+            };
+            *number = *number + self.varied(0.0, here);
+        }
+        let (with, without) = (self.rates(&moved, place), self.rates(input, place));
+        for n in 0..MAX_COMPONENTS {
+            place.y[n] = place.y[n] + (with[n] - without[n]);
+        }
+    }
+
+    /// Carries the state on by the times `by` of the directions.
+    #[inline(always)]
+    fn carry(&self, input: &Input<RunDual<R>>, place: &mut Place<'_, R>, by: RunDual<R>) {
+        if by.slope.iter().all(|by| by.is_zero() & R::ALL == R::ALL) {
+            return;
+        }
+        let rate = self.rates(input, place);
+        for n in 0..MAX_COMPONENTS {
+            // `by` has the value zero, so that only the derivatives of the state change.
+            place.y[n] = place.y[n] + by * rate[n];
+        }
+    }
+
+    #[inline(always)]
+    fn rates(&self, input: &Input<RunDual<R>>, Place { drive, y, .. }: &Place<'_, R>) -> DualStates<R> {
+        let mut rate = [RunDual::zero(); MAX_COMPONENTS];
+        let at = StageState { from: y, by: RunDual::zero(), along: y };
+        self.equations.system.rates(input, drive, at, &mut rate);
+        rate
+    }
+}
