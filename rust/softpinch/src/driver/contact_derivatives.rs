@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::formulation::{Evaluation, MAX_COMPONENTS, RunDual, RunDualEquations, States, System};
 use crate::method::{RunDualMethod, Step, Unsolved, values};
 use crate::model::{Mode, SegmentDrive};
-use crate::number::{Instructions, LaneTask, Lanes, Real, task};
+use crate::number::{LaneTask, Lanes, Real, task};
 use crate::stepping::{Cause, Event, EventResult, LaneContact, Limits, Passage};
 
 /// Events closer together than this share of a step are one, whose derivative depends on their order.
@@ -24,7 +24,6 @@ const COINCIDES: &str = "an event coincides with another one or with a breakpoin
 
 /// The method of a run with derivatives, and its contacts if they are unilateral.
 pub struct Stepper<R> {
-    pub instructions: Instructions,
     pub method: RunDualMethod<R>,
     pub contact: Option<ContactDerivatives<R>>,
 }
@@ -76,7 +75,7 @@ impl<R: Lanes> Stepper<R> {
         if log.is_empty() {
             return Ok(None);
         }
-        R::call(self.instructions, Pass { stepper: self, place, h, impulse, log: &log }).map(Some)
+        R::outlined(Pass { stepper: self, place, h, impulse, log: &log }).map(Some)
     }
 
     #[inline(always)]

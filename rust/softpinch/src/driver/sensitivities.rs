@@ -15,7 +15,7 @@ use crate::model::{
     BILATERAL_WORKS, ContactModel, Contacts, DIRECTIONS, Input, Inputs, Motion, PARAMETER_COUNT, Parameters,
     Scene, SegmentDrive, Start, State, VariedParameters, unpacked,
 };
-use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
+use crate::number::{LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
 use crate::stepping::{
     Grid, LaneContact, Limits, Moment, Options, POLL, Recordable, Segment, Selection, Span, Steps, Summaries,
     Summary, SummaryInstant, reserved,
@@ -94,7 +94,8 @@ pub fn sensitivities(
 ) -> Result<Option<Derivatives>> {
     let ends = &ends(scene, options, wanted, interrupted)?;
     let request = Request { scene, options, start, ends, directions, wanted, interrupted };
-    call_four_lanes(options.simd.require()?, request)
+    options.simd.require()?;
+    call_four_lanes(request)
 }
 
 /// The ends of free steps, from the run itself. Refuses scenes whose derivatives are not computed.
@@ -130,7 +131,7 @@ impl LaneKernel for Request<'_> {
     type Output = Result<Option<Derivatives>>;
 
     #[inline(always)]
-    fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
+    fn run<R: Lanes>(self) -> Self::Output {
         let request = &self;
         let Self { scene, options, directions: all, wanted, .. } = self;
         let mut numbers = Vec::new();
@@ -140,7 +141,7 @@ impl LaneKernel for Request<'_> {
             numbers = reserved("the derivatives, in numbers,", count)?;
             numbers.resize(count, 0.0);
         }
-        let runs = options.runs(instructions, scene);
+        let runs = options.runs(scene);
         let (mut failed, mut changes) = (None, Vec::new());
         for (chunk, directions) in all.chunks(DIRECTIONS).enumerate() {
             let slopes = std::array::from_fn(|k| {
@@ -149,8 +150,8 @@ impl LaneKernel for Request<'_> {
             });
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
-            let equations = RunDualEquations::<R>::new(instructions, runs.choice, &source, runs.gains, twice);
-            let run = DifferentiatedRun { instructions, request, directions, source, equations };
+            let equations = RunDualEquations::<R>::new(runs.choice, &source, runs.gains, twice);
+            let run = DifferentiatedRun { request, directions, source, equations };
             let mut sink = match wanted {
                 Wanted::Rows(times) => {
                     let (numbers, first) = (&mut numbers[..], chunk * DIRECTIONS);
@@ -162,14 +163,14 @@ impl LaneKernel for Request<'_> {
             };
             let mut contact = None;
             if options.contact == ContactModel::Unilateral {
-                let mut lane = LaneContact::new(instructions, options, scene);
+                let mut lane = LaneContact::new(options, scene);
                 lane.restart(options, scene)?;
                 let limits = Limits::new(&run.source);
                 contact = Some(ContactDerivatives { lane, limits, between: [0.0; 2], changes: Vec::new() });
             }
             let method = RunDualMethod::new(runs, options.method);
-            let stepper = &mut Stepper { instructions, method, contact };
-            let followed = R::call(instructions, FollowRun { run: &run, stepper, sink: &mut sink });
+            let stepper = &mut Stepper { method, contact };
+            let followed = R::outlined(FollowRun { run: &run, stepper, sink: &mut sink });
             let times = stepper.contact.as_ref().map_or(&[][..], |contact| &contact.changes);
             changes.resize(changes.len().max(times.len() * all.len()), f64::NAN);
             for (change, time) in times.iter().enumerate() {
@@ -365,7 +366,6 @@ struct Request<'a> {
 
 /// A run with its derivatives in some directions, at most eight.
 struct DifferentiatedRun<'a, R> {
-    instructions: Instructions,
     request: &'a Request<'a>,
     directions: &'a [Direction],
     source: VariedParameters<'a>,
@@ -595,7 +595,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         if sink.wants(time) {
             let now = self.equations.system.evaluate(drive, tau, y);
             *rate = now.rate;
-            R::call(self.instructions, Take { sink, system: &self.equations.system, time, now: &now, y });
+            R::outlined(Take { sink, system: &self.equations.system, time, now: &now, y });
         } else {
             let at = StageState { from: y, by: RunDual::zero(), along: y };
             self.equations.system.rates(&drive.at(tau), drive, at, rate);
