@@ -205,7 +205,7 @@ task! {
     ['a, R: Lanes, E: Equations<R>]
     Evaluate<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>,
         y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool)
-    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS && (R::ORDER == 0 || !equations.opens())] => {
+    for R => () = for_fingers_of!(equations, driven [R::ORDER == 0 && E::Parts::PAPERS] => {
         evaluate_into(equations, (driven, ledger), ((&drive.at(tau), Carriage::Either(moving)), &drive.contacts), y, now);
     })
 }

@@ -1,16 +1,31 @@
 //! Calls code that is compiled with the instructions of a SIMD level.
 
+#[cfg(target_arch = "x86_64")]
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crate::error::Result;
 #[cfg(target_arch = "x86_64")]
 use crate::number::simd::x86::{Ymm, Zmm};
 use crate::number::{LaneTask, Lanes, Level};
 
-/// Computes nothing on a processor without a level, which the module refuses when it is imported.
+/// Whether this processor is known to have a level: one byte, because each call for a single run looks at it.
+#[cfg(target_arch = "x86_64")]
+static HAS_A_LEVEL: AtomicBool = AtomicBool::new(false);
+
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 fn require_any_level() {
-    if !Level::Avx2.is_available() {
-        std::process::abort()
+    #[cold]
+    #[inline(never)]
+    fn look() {
+        if !Level::Avx2.is_available() {
+            // Nothing is computed on such a processor: the module refuses it when it is imported.
+            std::process::abort()
+        }
+        HAS_A_LEVEL.store(true, Ordering::Relaxed);
+    }
+    if !HAS_A_LEVEL.load(Ordering::Relaxed) {
+        look();
     }
 }
 
