@@ -8,7 +8,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use softpinch::error::Error;
-use softpinch::number::{Instructions, LEVELS, LaneKernel, LaneTask, Lanes, Level, Real, dispatch_lanes};
+use softpinch::number::{LEVELS, LaneKernel, LaneTask, Lanes, Level, Real, dispatch_lanes};
 
 /// Operations on each number between two readings of the clock.
 const LENGTH: u64 = 200_000;
@@ -89,7 +89,7 @@ impl LaneKernel for Together {
     type Output = ();
 
     #[inline(always)]
-    fn run<R: Lanes>(self, _: Instructions) {
+    fn run<R: Lanes>(self) {
         report::<R>(self.0.name(), R::WIDTH);
     }
 }
@@ -100,7 +100,7 @@ fn main() -> Result<(), Error> {
     println!("{}, one core", name.map_or("unknown processor", |(_, name)| name));
     println!("                     peak   multiply-add, ns           division, ns");
     println!("level       lanes  Gflop/s  side by side  in a chain");
-    f64::call(Level::detect().require()?, Alone);
+    f64::outlined(Alone);
     for (_, level) in LEVELS.into_iter().filter(|(_, level)| level.is_available()) {
         dispatch_lanes(level, Together(level))?;
     }

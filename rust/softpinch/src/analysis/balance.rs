@@ -25,7 +25,7 @@ use crate::model::{
     Inputs, MechanismKind, Motion, Parameters, Plant, SegmentDrive, ShapeKind, each_coordinate,
 };
 use crate::number::{
-    Dual, Instructions, LaneKernel, LaneTask, Lanes, Level, MOST, Real, call_four_lanes, gather, signed, task,
+    Dual, LaneKernel, LaneTask, Lanes, Level, MOST, Real, call_four_lanes, gather, signed, task,
 };
 
 /// Number of unknowns: the pose (x, y, theta, theta_1, theta_2) and two shears.
@@ -197,7 +197,6 @@ pub struct RestScene {
     /// The motion of the hand's frame, in which the scene is at rest; `None` for a hand at rest.
     pub frame: Option<FrameMotion<f64>>,
     pub(super) level: Level,
-    instructions: Instructions,
     pub(super) plant: Plant<f64>,
     dual: Plant<Directions>,
 }
@@ -229,7 +228,6 @@ impl RestScene {
             input: drive.at(0.0),
             frame: drive.frame.as_ref().map(|frame| frame.at(0.0)),
             level,
-            instructions: level.require()?,
             plant,
             dual,
             parameters: *parameters,
@@ -254,7 +252,7 @@ impl RestScene {
 
     pub(crate) fn inputs(&self) -> Result<Inputs, Error> {
         let Input { target, force, .. } = self.input;
-        let motion = self.frame.map(|frame| HandMotion::constant(&frame).map(Arc::new)).transpose()?;
+        let motion = self.frame.map(|frame| Arc::new(HandMotion::constant(&frame)));
         Ok(Inputs::constant(target, force, self.fingers).with_hand_motion(motion))
     }
 
@@ -354,7 +352,7 @@ impl RestScene {
 
     /// The rows of a member and their derivatives.
     pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
-        f64::call(self.instructions, Evaluate { scene: self, member, z })
+        f64::outlined(Evaluate { scene: self, member, z })
     }
 
     /// Evaluates the balance in dual numbers, with the instructions of the caller.
@@ -367,7 +365,7 @@ impl RestScene {
         let (found, no_slip) = if self.parameters.has_the_papers_parts() {
             seeded::<f64, _>(self, &self.dual, &unknowns)
         } else {
-            call_four_lanes(self.instructions, OtherParts(self, &unknowns))
+            call_four_lanes(OtherParts(self, &unknowns))
         };
         let held = self.held();
         let mut rows = [Directions::zero(); UNKNOWNS];
@@ -399,7 +397,7 @@ impl LaneKernel for OtherParts<'_> {
     type Output = (Balance<Directions>, [[f64; 5]; 2]);
 
     #[inline(always)]
-    fn run<X: Lanes>(self, _: Instructions) -> Self::Output {
+    fn run<X: Lanes>(self) -> Self::Output {
         let Self(scene, unknowns) = self;
         let parameters = [&scene.parameters; MOST];
         let plant = Plant::called(&Constants(&parameters), scene.fingers, scene.frame.is_some());

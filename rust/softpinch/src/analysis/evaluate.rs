@@ -9,7 +9,7 @@ use crate::model::contact::mechanism::Mechanism;
 use crate::model::{
     Any, Contacts, Coordinates, Energies, Geometry, Inputs, Motion, Parameters, Plant, Rule, Stabilization,
 };
-use crate::number::{Level, signed};
+use crate::number::signed;
 
 /// A matrix over coordinates or constraints.
 pub type Matrix<const R: usize, const C: usize> = SMatrix<f64, R, C>;
@@ -39,10 +39,9 @@ pub fn evaluate(
     // With tips that stick the equations of unilateral contact are those of bilateral contact.
     let plant = Plant::<f64>::called(parameters, inputs.fingers(), inputs.moves());
     let equations = Unilateral::<f64>::new(parameters, Csm::new(plant, stabilization));
-    let instructions = Level::detect().require()?;
     let own = drive.frame.as_deref().copied();
     let equations::Terms { geometry, forces, response, .. } =
-        ContactEquations::new(instructions, &equations, own).terms(&input, &Contacts::sticking(), motion);
+        ContactEquations::new(&equations, own).terms(&input, &Contacts::sticking(), motion);
     let Motion { q, p, .. } = motion;
     let frame = own.map(|own| own.at(0.0));
     let moving = frame.map(|frame| plant.loads(&frame, &input.force, q.object, p.object));

@@ -12,7 +12,7 @@ use crate::model::{
     ContactModel, ContactRow, Coordinates, DIRECTIONS, Fingers, FrameMotion, Geometry, Input, Inputs, Mode,
     Motion, Parameters, Rule, SegmentDrive, Stabilization,
 };
-use crate::number::{Dual, LaneTask, Lanes, Level, MOST, Real, task};
+use crate::number::{Dual, LaneTask, Level, MOST, Real, task};
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).
@@ -100,7 +100,7 @@ impl<'a> Problem<'a> {
     ) -> Result<Self> {
         Rule::Finite.check("t", t)?;
         let Setting { formulation, ref gains, level, open_loop, frozen } = *setting;
-        let instructions = level.require()?;
+        level.require()?;
         let mut drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
         let (mut model, mut modes, fingers) = (ContactModel::Bilateral, None, inputs.fingers());
         if let Some(&[right, left, ref tilts @ ..]) = contact {
@@ -112,7 +112,7 @@ impl<'a> Problem<'a> {
         }
         let moves = drive.frame.is_some();
         let choice = Choice { formulation, contact: model, fingers, moves, ledger: false };
-        let runs = Runs { instructions, choice, parameters: [parameters; MOST], gains };
+        let runs = Runs { choice, parameters: [parameters; MOST], gains };
         let mut problem = Self { runs, drive, motion: *motion, modes };
         if open_loop {
             let system = runs.system();
@@ -162,7 +162,7 @@ impl<'a> Problem<'a> {
         let frame = self.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
         let mut values = Vec::new();
         inputs(&input, &frame, driven, |value, varies| values.extend(varies.then_some(value)));
-        let Runs { instructions, mut choice, parameters: [parameters, ..], .. } = self.runs;
+        let Runs { mut choice, parameters: [parameters, ..], .. } = self.runs;
         // The weights are forces of the motion, which may be that of a hand at rest.
         choice.moves = true;
         let tangent = Runs { choice, ..self.runs }.tangent::<f64>();
@@ -185,7 +185,7 @@ impl<'a> Problem<'a> {
                         |number: Dual<f64, DIRECTIONS>| One { value: number.value, slope: [number.slope[k]] };
                     let given = [input.target, input.target_rate].map(|pair| pair.map(along));
                     let driven = driven.then_some(&given);
-                    One::call(instructions, Constrain { sides: &sides, modes, driven, y: &mut one });
+                    One::outlined(Constrain { sides: &sides, modes, driven, y: &mut one });
                 }
                 for (dual, one) in dual_y.iter_mut().zip(one) {
                     (dual.value, dual.slope[k]) = (one.value, one.slope[0]);

@@ -11,7 +11,7 @@ use crate::error::{Error, Result, seconds};
 use crate::formulation::{MAX_COMPONENTS, RunDual, RunDualEquations, States, System};
 use crate::method::{RunDualMethod, Runs, Step, Unsolved, values};
 use crate::model::{ContactModel, Mode, SegmentDrive, VariedParameters};
-use crate::number::{Instructions, LaneTask, Lanes, Real, task};
+use crate::number::{LaneTask, Lanes, Real, task};
 use crate::stepping::{Cause, Event, EventResult, LaneContact, Limits, Moment, Passage, Segment};
 
 /// Events closer together than this share of a step are one, whose derivative depends on their order.
@@ -27,7 +27,6 @@ const COINCIDES: &str = "an event coincides with another one or with a breakpoin
 
 /// The method of a run with derivatives, and its contacts if they are unilateral.
 pub struct Stepper<R> {
-    instructions: Instructions,
     pub method: RunDualMethod<R>,
     pub contact: Option<ContactDerivatives<R>>,
 }
@@ -72,19 +71,18 @@ task! {
 impl<R: Lanes> Stepper<R> {
     /// The stepper at the start of a run with derivatives in `count` directions.
     pub fn new(
-        instructions: Instructions,
         runs: Runs<'_>,
         &Request { options, scene, .. }: &Request<'_>,
         (source, count): (&VariedParameters<'_>, usize),
     ) -> Result<Self> {
         let mut contact = None;
         if options.contact == ContactModel::Unilateral {
-            let mut lane = LaneContact::new(instructions, options, scene);
+            let mut lane = LaneContact::new(options, scene);
             lane.restart(options, scene)?;
             let passed = Passed { between: [0.0; 2], changes: Vec::new(), lost: vec![None; count] };
             contact = Some(ContactDerivatives { lane, limits: Limits::new(source), passed });
         }
-        Ok(Self { instructions, method: RunDualMethod::new(runs, options.method), contact })
+        Ok(Self { method: RunDualMethod::new(runs, options.method), contact })
     }
 
     /// Why a direction has no derivatives from a time on, if so, and the derivatives of the times of changes of modes.
@@ -166,7 +164,7 @@ impl<R: Lanes> Stepper<R> {
         (h, impulse): (f64, [RunDual<R>; 3]),
         work: impl FnOnce(&mut LaneContact, &States<f64>) -> EventResult<States<f64>>,
     ) -> Result<bool> {
-        let Self { instructions, method, contact: Some(contact) } = self else { return Ok(false) };
+        let Self { method, contact: Some(contact) } = self else { return Ok(false) };
         let ended = work(&mut contact.lane, &values(&place.y)).is_err();
         let mut log = contact.lane.run.log.clone();
         while ended && !matches!(log.last(), None | Some(Passage::Modes(..))) {
@@ -177,7 +175,7 @@ impl<R: Lanes> Stepper<R> {
             return Ok(false);
         }
         let pass = Pass { contact, method, place, h, impulse: &impulse, log: &log };
-        R::call(*instructions, pass).map(|()| true)
+        R::outlined(pass).map(|()| true)
     }
 }
 

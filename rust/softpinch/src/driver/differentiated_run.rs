@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::formulation::{MAX_COMPONENTS, RunDual, RunDualEquations, StageState, System};
 use crate::method::values;
 use crate::model::{Input, Motion, Scene, SegmentDrive, State, VariedParameters, unpacked};
-use crate::number::{Instructions, LaneTask, Lanes, Real, task};
+use crate::number::{LaneTask, Lanes, Real, task};
 use crate::stepping::{Grid, POLL, Segment, Span, Steps};
 
 /// A step: its start since the segment's, its length, and the times at its end.
@@ -33,7 +33,6 @@ fn next_step(segment: &Segment, taken: u64, ends: Option<&[f64]>) -> Option<Step
 
 /// A run with its derivatives in some directions, at most eight.
 pub(super) struct DifferentiatedRun<'a, R> {
-    pub instructions: Instructions,
     pub request: Request<'a>,
     pub ends: &'a [f64],
     pub directions: &'a [Direction],
@@ -218,7 +217,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         if kept.wants(time) {
             let now = &system.evaluate(drive, *tau, y);
             *rate = now.rate;
-            R::call(self.instructions, Take { kept, system, time, y, now });
+            R::outlined(Take { kept, system, time, y, now });
         } else {
             *rate = self.rates(&drive.at(*tau), place);
         }

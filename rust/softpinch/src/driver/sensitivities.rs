@@ -12,7 +12,7 @@ use crate::model::{
     BILATERAL_WORKS, ContactModel, Contacts, DIRECTIONS, Inputs, Motion, PARAMETER_COUNT, Parameters, Scene,
     Start, VariedParameters,
 };
-use crate::number::{Instructions, LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
+use crate::number::{LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
 use crate::stepping::{Options, Recordable, Selection, Steps, Summaries, Summary, SummaryInstant, reserved};
 
 /// A direction in which a run is differentiated.
@@ -116,7 +116,8 @@ pub fn sensitivities(request: Request<'_>) -> Result<Option<Derivatives>> {
         let every = Options { record: Selection::default(), every: 1, times: None, ..options.clone() };
         ends = simulate(scene, &every, request.interrupted)?.0.recording.t().to_vec();
     }
-    call_four_lanes(options.simd.require()?, Followed { request, ends: &ends })
+    options.simd.require()?;
+    call_four_lanes(Followed { request, ends: &ends })
 }
 
 /// A run that is followed: all directions, in chunks of eight. `ends` has the ends of free steps.
@@ -129,14 +130,14 @@ impl LaneKernel for Followed<'_> {
     type Output = Result<Option<Derivatives>>;
 
     #[inline(always)]
-    fn run<R: Lanes>(self, instructions: Instructions) -> Self::Output {
+    fn run<R: Lanes>(self) -> Self::Output {
         let Self { request, ends } = self;
         let Request { scene, options, directions: all, rows: times, summaries, .. } = request;
         let mut found = Derivatives::default();
         let count = times.len().saturating_mul(COMPONENTS * all.len());
         found.numbers = reserved("the derivatives, in numbers,", count)?;
         found.numbers.resize(count, f64::NAN);
-        let runs = options.runs(instructions, scene);
+        let runs = options.runs(scene);
         let parts = found.numbers.chunks_mut(times.len() * COMPONENTS * DIRECTIONS);
         for (directions, numbers) in all.chunks(DIRECTIONS).zip(parts) {
             let slopes = std::array::from_fn(|k| {
@@ -145,13 +146,13 @@ impl LaneKernel for Followed<'_> {
             });
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
-            let equations = RunDualEquations::<R>::new(instructions, runs.choice, &source, runs.gains, twice);
-            let stepper = &mut Stepper::new(instructions, runs, &request, (&source, directions.len()))?;
-            let run = DifferentiatedRun { instructions, request, ends, directions, source, equations };
+            let equations = RunDualEquations::<R>::new(runs.choice, &source, runs.gains, twice);
+            let stepper = &mut Stepper::new(runs, &request, (&source, directions.len()))?;
+            let run = DifferentiatedRun { request, ends, directions, source, equations };
             let watched = (!summaries.is_empty()).then(|| Summaries::new(&options.summaries));
             let mut kept = Kept { times, numbers, taken: 0, summaries: watched };
             let mut unsolved = None;
-            match R::call(instructions, FollowRun { run: &run, stepper, kept: &mut kept }) {
+            match R::outlined(FollowRun { run: &run, stepper, kept: &mut kept }) {
                 Ok(()) if kept.is_full() => {}
                 Ok(()) => return Ok(None),
                 Err(error @ Error::NoDerivative { .. }) => {

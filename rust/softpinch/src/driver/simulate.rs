@@ -10,7 +10,7 @@ use crate::model::{
     ContactModel, Fingers, Mode, Rule, Sampled, Scene, Stabilization, require_consistent, require_held,
     require_scheduled,
 };
-use crate::number::Lanes;
+use crate::number::Real;
 use crate::stepping::{
     AdaptiveSteps, Due, EqualSteps, Finished, Grid, GridOf, LaneContact, LaneController, Layout, LoopSetup,
     Options, Recorder, Recording, Run, RunQueue, Span, Steps, Taken, reserved,
@@ -230,13 +230,12 @@ pub(super) fn lone_run(
 }
 
 fn run<'a>(scene: &Scene, options: &'a Options, grid: &GridOf<'_>, queue: RunQueue<'a>) -> Result {
-    let instructions = options.simd.require()?;
     let choice = options.choice(&scene.inputs);
-    let setup = LoopSetup { instructions, options, choice, queue };
+    let setup = LoopSetup { options, choice, queue };
     if let Steps::Free { tolerance } = options.steps {
         let make = adaptive(options.method)?;
         let build = |runs: Runs<'_>| runs.with_method(make);
-        return f64::call(instructions, AdaptiveSteps { setup, tolerance, build });
+        return f64::outlined(AdaptiveSteps { setup, tolerance, build });
     }
     // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
     if options.method == Method::Rk4
@@ -244,18 +243,18 @@ fn run<'a>(scene: &Scene, options: &'a Options, grid: &GridOf<'_>, queue: RunQue
         && !(choice.ledger || choice.moves)
         && scene.parameters.has_the_papers_parts()
     {
-        let called = &options.runs(instructions, scene).system();
+        let called = &options.runs(scene).system();
         let method = &mut Rk4::default();
         return with!(called.kind, equations [false, false] => if choice.fingers == Fingers::Driven {
             let system = Inlined::<_, _, true> { equations, called };
             let build = |_: Runs<'_>| (system, method);
-            f64::call(instructions, EqualSteps { setup, grid, build })
+            f64::outlined(EqualSteps { setup, grid, build })
         } else {
             let system = Inlined::<_, _, false> { equations, called };
             let build = |_: Runs<'_>| (system, method);
-            f64::call(instructions, EqualSteps { setup, grid, build })
+            f64::outlined(EqualSteps { setup, grid, build })
         });
     }
     let build = |runs: Runs<'_>| runs.with_method(options.method.entry().alone);
-    f64::call(instructions, EqualSteps { setup, grid, build })
+    f64::outlined(EqualSteps { setup, grid, build })
 }

@@ -298,8 +298,7 @@ impl Environment {
 
 /// The multipliers at the initial state of a scene.
 fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result<[f64; 4]> {
-    let instructions = options.simd.require()?;
-    let equations = options.runs(instructions, scene).system::<f64>();
+    let equations = options.runs(scene).system::<f64>();
     let State { time, motion, .. } = scene.initial;
     let mut drive = scene.inputs.segment(time);
     if let Some(controller) = LaneController::new(scene)? {

@@ -17,7 +17,6 @@ use crate::model::scene::Scene;
 use crate::model::start::{State, contact, driven};
 use crate::number::row::Row4;
 use crate::number::simd::dispatch::LaneKernel;
-use crate::number::simd::level::Level;
 use crate::number::trigonometry::LIBM_LANES;
 use crate::stepping::ending::Status;
 use crate::stepping::monitor::Violation;
@@ -98,8 +97,7 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
 
 /// The rows of runs in four portable lanes.
 pub(crate) fn portable(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    let instructions = Level::detect().require()?;
-    let rows = in_lanes(shared, |runs| runs.run::<Row4>(instructions))?;
+    let rows = in_lanes(shared, |runs| runs.run::<Row4>())?;
     Ok(rows.expect("the method has lanes"))
 }
 

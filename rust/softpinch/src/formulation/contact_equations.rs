@@ -1,16 +1,13 @@
 //! The equations of unilateral contact as the search for events uses them: for one run.
 
-use std::ops::Range;
-
 use crate::formulation::impact::{Impact, impact};
 use crate::formulation::{Equations, States, Terms, Unilateral};
 use crate::model::{Any, Carriage, Contacts, Coordinates, Geometry, Input, Motion, Plant, SegmentFrame};
-use crate::number::{Instructions, LaneTask, Lanes, task};
+use crate::number::{LaneTask, Real, inlined, task};
 
-/// The equations of one run with unilateral contact, and the instructions of their long computations.
+/// The equations of one run with unilateral contact, whatever its parts.
 #[derive(Debug, Clone, Copy)]
 pub struct ContactEquations<'a> {
-    instructions: Instructions,
     equations: &'a Unilateral<f64>,
     /// The motion of the hand in the segment, if it moves.
     frame: Option<SegmentFrame<f64>>,
@@ -43,19 +40,25 @@ task! {
     Swept<'a>(terms: &'a Terms<f64>) for f64 => [f64; 4] = terms.geometry.phi_times(&terms.response.acceleration)
 }
 
+impl Equations<f64> for ContactEquations<'_> {
+    type Parts = Any;
+
+    inlined! {
+        opens(&self) -> bool = true;
+        unilateral(&self) -> Option<&Unilateral<f64>> = Some(self.equations);
+        relaxations(&self) -> usize = 4 * self.plant().branches;
+        plant(&self) -> &Plant<f64> = self.equations.plant();
+    }
+}
+
 impl<'a> ContactEquations<'a> {
     /// The equations of a run, in a segment with this motion of the hand.
-    pub(crate) fn new(
-        instructions: Instructions,
-        equations: &'a Unilateral<f64>,
-        frame: Option<SegmentFrame<f64>>,
-    ) -> Self {
-        Self { instructions, equations, frame }
+    pub(crate) fn new(equations: &'a Unilateral<f64>, frame: Option<SegmentFrame<f64>>) -> Self {
+        Self { equations, frame }
     }
 
-    /// All terms at one state, in the modes of the contacts.
     pub fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Terms<f64> {
-        f64::call(self.instructions, TermsAt { at: self, input, contacts, motion })
+        f64::outlined(TermsAt { at: self, input, contacts, motion })
     }
 
     /// The velocities `p` after an impact of the contacts that are `closed`, with an impulse on the object.
@@ -66,40 +69,21 @@ impl<'a> ContactEquations<'a> {
         closed: [bool; 2],
         impulse: [f64; 3],
     ) -> Impact {
-        let Self { instructions, equations, .. } = *self;
-        f64::call(instructions, Collision { equations, geometry, p, closed, impulse })
+        let Self { equations, .. } = *self;
+        f64::outlined(Collision { equations, geometry, p, closed, impulse })
     }
 
-    /// The state of a motion, with works of zero.
     pub fn begin(&self, motion: &Motion<f64>) -> States<f64> {
-        let mut y = self.equations.begin(self.plant().driven, motion);
-        let (at, memories) = self.branches();
-        y.copy_within(memories, at.end);
-        y[at.clone()].copy_from_slice(&motion.relaxation[..at.len()]);
-        y
+        Equations::begin(self, self.plant().driven, motion)
     }
 
-    /// The motion of a state.
     pub fn motion(&self, input: &Input<f64>, y: &States<f64>) -> Motion<f64> {
-        let (mut own, (at, memories)) = (*y, self.branches());
-        own.copy_within(at.end..at.end + memories.len(), at.start);
-        let mut motion = self.equations.unpack(self.plant().driven, input, &own);
-        motion.relaxation[..at.len()].copy_from_slice(&y[at]);
-        motion
-    }
-
-    /// The places of Maxwell branches in a state, and those that memories of controllers have where there are none. The
-    /// paper's equations, which serve all parts here, have no branches.
-    fn branches(&self) -> (Range<usize>, Range<usize>) {
-        let Plant { driven, branches, .. } = *self.plant();
-        let states = self.equations.states(driven);
-        let first = states - if driven { 0 } else { 2 };
-        (first..first + 4 * branches, first..states)
+        self.unpack(self.plant().driven, input, y)
     }
 
     /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.
     pub fn swept(&self, terms: &Terms<f64>) -> [f64; 4] {
-        f64::call(self.instructions, Swept { terms })
+        f64::outlined(Swept { terms })
     }
 
     /// theta_p of both tips.
@@ -107,11 +91,6 @@ impl<'a> ContactEquations<'a> {
         std::array::from_fn(|i| self.plant().sides[i].tilt::<Any>(i, q).0)
     }
 
-    pub fn plant(&self) -> &Plant<f64> {
-        self.equations.plant()
-    }
-
-    /// mu of both contacts.
     pub fn friction(&self) -> [f64; 2] {
         self.equations.friction
     }

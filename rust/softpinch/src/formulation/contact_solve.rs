@@ -24,7 +24,6 @@ pub struct Load<R> {
     pub force: Coordinates<R>,
     /// dP/d theta_pi of both tips, N m.
     pub couple: [R; 2],
-    /// mu of both contacts.
     pub friction: [R; 2],
     /// The bias b of the rows, in the order of the multipliers.
     pub bias: [R; 4],

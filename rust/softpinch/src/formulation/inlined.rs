@@ -5,7 +5,7 @@
 
 use crate::formulation::scene_equations::{evaluate_into, rates_into, size_of};
 use crate::formulation::{Equations, Evaluation, SceneEquations, Size, StageState, States, System};
-use crate::model::{Carriage, Contacts, Energies, Input, Motion, SegmentDrive};
+use crate::model::{Carriage, Input, SegmentDrive};
 use crate::number::{Lanes, inlined};
 
 /// The equations without the ledger, inlined wherever their rates are needed instead of called. That there is no
@@ -20,13 +20,8 @@ pub(crate) struct Inlined<'a, R, E, const DRIVEN: bool> {
 impl<R: Lanes, E: Equations<R>, const DRIVEN: bool> System<R> for Inlined<'_, R, E, DRIVEN> {
     inlined! {
         size(&self) -> Size = size_of(self.equations, DRIVEN, false);
-        begin(&self, motion: &Motion<R>) -> States<R> = self.called.begin(motion);
         rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) -> () =
             rates_into(self.equations, (DRIVEN, false), ((input, Carriage::AtRest), &drive.contacts), at, rate);
-        jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) -> () = self.called.jump(input, y, impulse);
-        energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> = self.called.energies(contacts, motion);
-        corrects(&self) -> bool = self.called.corrects();
-        correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) -> () = self.called.correct(drive, tau, y);
     }
 
     #[inline(always)]

@@ -7,7 +7,7 @@
 //! several are consistent up to round-off, the first one is taken that is still consistent a moment later.
 
 use crate::error::{Error, Result};
-use crate::formulation::{ContactEquations, Terms};
+use crate::formulation::{ContactEquations, Equations, Terms};
 use crate::model::{ContactRow, Contacts, Input, Mode, Motion, Rule, Slip};
 
 /// A contact before its mode is chosen.
@@ -218,7 +218,6 @@ mod tests {
     use crate::model::parameters::{Fingertip, Friction, Parameters, Stabilization};
     use crate::model::start::{consistent, contact};
     use crate::number::real::signed;
-    use crate::number::simd::level::Level;
 
     fn equations(friction: f64, tip_mass: f64) -> Unilateral<f64> {
         let tip = Fingertip { normal_mass: tip_mass, tangential_mass: tip_mass, ..Fingertip::default() };
@@ -229,7 +228,7 @@ mod tests {
     }
 
     fn called(equations: &Unilateral<f64>) -> ContactEquations<'_> {
-        ContactEquations::new(Level::detect().require().unwrap(), equations, None)
+        ContactEquations::new(equations, None)
     }
 
     /// A pressed grasp: fingers closed by `grip`, the object turned and sheared.

@@ -3,7 +3,7 @@
 
 use crate::formulation::{Choice, MAX_COMPONENTS, SceneEquations, StageState, States, System};
 use crate::model::{Constants, SegmentDrive, Stabilization, VariedParameters};
-use crate::number::{Dual, Instructions, Lanes, Lift, Real};
+use crate::number::{Dual, Lanes, Lift, Real};
 
 /// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`](crate::model::source::DIRECTIONS)
 /// directions, for vectors of four lanes.
@@ -25,16 +25,10 @@ pub struct RunDualEquations<R> {
 
 impl<R: Lanes> RunDualEquations<R> {
     /// Builds the equations of a scene. `second` says whether second derivatives are wanted.
-    pub fn new(
-        instructions: Instructions,
-        choice: Choice,
-        source: &VariedParameters<'_>,
-        gains: &Stabilization,
-        second: bool,
-    ) -> Self {
+    pub fn new(choice: Choice, source: &VariedParameters<'_>, gains: &Stabilization, second: bool) -> Self {
         Self {
-            system: SceneEquations::new(instructions, choice, source, gains),
-            second: second.then(|| SceneEquations::new(instructions, choice, &Constants(source), gains)),
+            system: SceneEquations::new(choice, source, gains),
+            second: second.then(|| SceneEquations::new(choice, &Constants(source), gains)),
         }
     }
 

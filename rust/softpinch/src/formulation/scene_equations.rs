@@ -16,7 +16,7 @@ use crate::model::{
     Applied, Carriage, ContactModel, Contacts, Energies, Fingers, FrameLoads, Input, Motion, Parts, Plant,
     SegmentDrive, SegmentFrame, Source, Stabilization,
 };
-use crate::number::{Instructions, LaneTask, Lanes, Lift, Real, task};
+use crate::number::{LaneTask, Lanes, Lift, Real, task};
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum EquationKind<R> {
@@ -83,7 +83,6 @@ pub struct Choice {
 /// The equations of a scene, or of one scene for each lane, after the choice.
 #[derive(Debug, Clone, Copy)]
 pub struct SceneEquations<R> {
-    pub(super) instructions: Instructions,
     pub(super) ledger: bool,
     projected: bool,
     pub(crate) kind: EquationKind<R>,
@@ -98,17 +97,11 @@ task! {
 
 impl<R: Lanes> SceneEquations<R> {
     /// Builds the equations of a scene, or of one scene for each lane.
-    pub fn new(
-        instructions: Instructions,
-        choice: Choice,
-        source: &impl Source<R>,
-        gains: &Stabilization,
-    ) -> Self {
+    pub fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
         Self {
-            instructions,
             ledger: choice.ledger,
             projected: choice.formulation == Formulation::Projected,
-            kind: R::call(instructions, Build { choice, source, gains }),
+            kind: R::outlined(Build { choice, source, gains }),
         }
     }
 
@@ -121,12 +114,11 @@ impl<R: Lanes> SceneEquations<R> {
         impulse: &[R; 3],
     ) {
         let EquationKind::Unilateral(equations) = &self.kind else { return };
-        let input = &R::call(self.instructions, InputAt { drive: at.0, tau: at.1 });
-        R::call(self.instructions, ApplyJump { equations, input, y, jump, impulse });
+        let input = &R::outlined(InputAt { drive: at.0, tau: at.1 });
+        R::outlined(ApplyJump { equations, input, y, jump, impulse });
     }
 }
 
-/// Copies the components of a derivative that the equations compute.
 #[inline(always)]
 fn copy_computed<R: Real, E: Equations<R>>(
     equations: &E,
@@ -213,7 +205,7 @@ task! {
     ['a, R: Lanes, E: Equations<R>]
     Evaluate<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>,
         y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool)
-    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS && (R::ORDER == 0 || !equations.opens())] => {
+    for R => () = for_fingers_of!(equations, driven [R::ORDER == 0 && E::Parts::PAPERS] => {
         evaluate_into(equations, (driven, ledger), ((&drive.at(tau), Carriage::Either(moving)), &drive.contacts), y, now);
     })
 }
@@ -250,7 +242,7 @@ impl<R: Lanes, T: Lift<R>> Load<'_, R, T> {
     /// Calls it, so that equations of a hand at rest have little code for it.
     #[inline(never)]
     pub(super) fn loads(self) -> FrameLoads<T> {
-        T::call(self.frame.instructions, self)
+        T::outlined(self)
     }
 }
 
@@ -281,46 +273,56 @@ task! {
 }
 
 impl<R: Lanes> SceneEquations<R> {
-    /// A single run has them inlined into its loop, and numbers with derivatives are rare.
-    const INLINES_STAGES: bool = R::WIDTH > 1 && R::ORDER == 0;
-}
+    /// The state of a motion, with works of zero.
+    pub fn begin(&self, motion: &Motion<R>) -> States<R> {
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => equations.begin(equations.plant().driven, motion))
+    }
 
-/// The equations of a hand that moves. They are called, so that equations of a hand at rest have little code for it.
-impl<R: Lanes> SceneEquations<R> {
-    #[cold]
-    #[inline(never)]
-    fn rates_moving(
-        &self,
-        frame: &SegmentFrame<R>,
-        (input, contacts): (&Input<R>, &Contacts<R>),
-        (from, along): (&States<R>, &States<R>),
-        &by: &R,
-        rate: &mut States<R>,
-    ) {
-        let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            let plant = (equations.plant(), self.size().degrees);
-            let moving = Some(&Load { frame, plant, input, at: StageState { from, by, along } }.loads());
-            R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
+    /// Adds the velocity jump that an impulse makes ([`Equations::jump`]).
+    pub fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
+        let ledger = self.ledger;
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
+            R::outlined(Jump { equations, input, y, impulse, ledger });
         });
     }
 
+    /// The energies of a motion in the modes of the contacts, for the ledger.
+    pub fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => R::outlined(Energy { equations, contacts, motion }))
+    }
+
+    /// Whether the formulation puts the state back on the constraints at the end of a step.
+    #[inline(always)]
+    pub fn corrects(&self) -> bool {
+        self.projected
+    }
+
+    /// Puts the state at the end of a step back on the constraints, if the formulation does that.
+    #[inline(always)]
+    pub fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
+        if !self.projected {
+            return;
+        }
+        let ledger = self.ledger;
+        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
+            R::outlined(Correct { equations, drive, tau, y, ledger });
+        });
+    }
+
+    /// The forces of the hand's motion at a stage. They are called, so that equations of a hand at rest have little code
+    /// for them.
     #[cold]
     #[inline(never)]
-    fn evaluate_moving(
+    fn loads(
         &self,
         frame: &SegmentFrame<R>,
-        (drive, tau): (&SegmentDrive<R>, R),
-        y: &States<R>,
-        now: &mut Evaluation<R>,
-    ) {
-        let Self { instructions, ledger, .. } = *self;
-        let input = &R::call(instructions, InputAt { drive, tau });
+        input: &Input<R>,
+        (from, &by, along): (&States<R>, &R, &States<R>),
+    ) -> FrameLoads<R> {
         with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            let (plant, by) = ((equations.plant(), self.size().degrees), R::zero());
-            let moving = Some(&Load { frame, plant, input, at: StageState { from: y, by, along: y } }.loads());
-            R::call(instructions, Evaluate { equations, drive, tau, moving, y, now, ledger });
-        });
+            let (plant, at) = ((equations.plant(), self.size().degrees), StageState { from, by, along });
+            Load { frame, plant, input, at }.loads()
+        })
     }
 }
 
@@ -333,18 +335,15 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
         })
     }
 
-    fn begin(&self, motion: &Motion<R>) -> States<R> {
-        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => equations.begin(equations.plant().driven, motion))
-    }
-
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
+        let (ledger, mut moving) = (self.ledger, None);
         if let Some(frame) = &drive.frame {
-            return self.evaluate_moving(frame, (drive, tau), y, now);
+            moving = Some(self.loads(frame, &R::outlined(InputAt { drive, tau }), (y, &R::zero(), y)));
         }
-        let Self { instructions, ledger, .. } = *self;
+        let moving = moving.as_ref();
         with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            R::call(instructions, Evaluate { equations, drive, tau, moving: None, y, now, ledger });
+            R::outlined(Evaluate { equations, drive, tau, moving, y, now, ledger });
         });
     }
 
@@ -352,57 +351,31 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         // In one piece the stage would be copied, as vectors that wait for the stores of its parts.
         let StageState { from, by, along } = at;
-        let (moving, contacts) = (None, &drive.contacts);
+        let (contacts, ledger, mut moving) = (&drive.contacts, self.ledger, None);
         if let Some(frame) = &drive.frame {
-            return self.rates_moving(frame, (input, contacts), (from, along), &by, rate);
+            moving = Some(self.loads(frame, input, (from, &by, along)));
         }
-        let Self { instructions, ledger, .. } = *self;
+        let moving = moving.as_ref();
         with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            R::call(instructions, Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
+            R::outlined(Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
         });
     }
 
     /// In lanes the equations of undisturbed bilateral contact are inlined into the stages.
     #[inline(always)]
     fn evaluate_stages(&self, stages: impl Stages<R>) {
-        let together =
-            |plant: &Plant<R>| Self::INLINES_STAGES && !(self.ledger || plant.driven || plant.moves);
+        // A single run has them inlined into its loop, and numbers with derivatives are rare.
+        let inlines = R::WIDTH > 1 && R::ORDER == 0 && !self.ledger;
+        let together = |plant: &Plant<R>| inlines && !(plant.driven || plant.moves);
         match &self.kind {
             EquationKind::Csm(equations) if together(equations.plant()) => {
-                R::call(self.instructions, Together { stages, equations, called: self });
+                R::outlined(Together { stages, equations, called: self });
             }
             EquationKind::Nullspace(equations) if together(equations.plant()) => {
-                R::call(self.instructions, Together { stages, equations, called: self });
+                R::outlined(Together { stages, equations, called: self });
             }
             _ => stages.run(self),
         }
-    }
-
-    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
-        let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
-            R::call(instructions, Jump { equations, input, y, impulse, ledger });
-        });
-    }
-
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => R::call(self.instructions, Energy { equations, contacts, motion }))
-    }
-
-    #[inline(always)]
-    fn corrects(&self) -> bool {
-        self.projected
-    }
-
-    #[inline(always)]
-    fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
-        if !self.projected {
-            return;
-        }
-        let Self { instructions, ledger, .. } = *self;
-        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            R::call(instructions, Correct { equations, drive, tau, y, ledger });
-        });
     }
 }
 
@@ -412,7 +385,7 @@ impl SceneEquations<f64> {
         match &self.kind {
             EquationKind::Unilateral(equations)
             | EquationKind::AnyParts(AnyParts { unilateral: equations, opens: true, .. }) => {
-                Some(ContactEquations::new(self.instructions, equations, drive.frame.as_deref().copied()))
+                Some(ContactEquations::new(equations, drive.frame.as_deref().copied()))
             }
             _ => None,
         }

@@ -1,7 +1,7 @@
 //! The equations as step loops and methods use them.
 
 use crate::formulation::{Evaluation, MAX_COMPONENTS, States};
-use crate::model::{Contacts, Energies, Input, Motion, SegmentDrive};
+use crate::model::{Input, SegmentDrive};
 use crate::number::{Lanes, inlined};
 
 /// The numbers of components of a state.
@@ -57,9 +57,6 @@ pub trait Stages<R: Lanes> {
 pub trait System<R: Lanes>: Sized {
     fn size(&self) -> Size;
 
-    /// The state of a motion, with works of zero.
-    fn begin(&self, motion: &Motion<R>) -> States<R>;
-
     /// Evaluates the state `y` at time `tau` of a segment. The zeros that fill the derivative are left as they are.
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>);
 
@@ -79,22 +76,6 @@ pub trait System<R: Lanes>: Sized {
     fn evaluate_stages(&self, stages: impl Stages<R>) {
         stages.run(self);
     }
-
-    /// The velocity jump that an impulse makes ([`crate::formulation::equations::Equations::jump`]).
-    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]);
-
-    /// The energies of a motion in the modes of the contacts, for the ledger.
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R>;
-
-    /// Whether the formulation puts the state back on the constraints at the end of a step.
-    fn corrects(&self) -> bool {
-        false
-    }
-
-    /// Puts the state at the end of a step back on the constraints, if the formulation does that.
-    fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
-        let _ = (drive, tau, y);
-    }
 }
 
 /// The derivatives of a system's rates with respect to its states and to time.
@@ -102,7 +83,6 @@ pub trait Linear<R: Lanes> {
     /// Writes the Jacobian at time `tau` of a segment and state `y`. The zeros that fill it are left as they are.
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
 
-    /// Returns the Jacobian at time `tau` of a segment and state `y`.
     fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R> {
         let mut jacobian = Jacobian::zero();
         self.jacobian_into(drive, tau, y, &mut jacobian);

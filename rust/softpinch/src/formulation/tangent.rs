@@ -11,9 +11,7 @@ use crate::formulation::{
 use crate::model::{
     Carriage, Constants, Contacts, DIRECTIONS, FrameMotion, Input, Parameters, SegmentDrive, Stabilization,
 };
-use crate::number::{
-    Dual, Instructions, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread, task,
-};
+use crate::number::{Dual, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread, task};
 
 /// How many directions are computed at once in lanes of several runs.
 const IN_LANES: usize = 4;
@@ -26,22 +24,12 @@ pub enum Tangent<R> {
     Swept(Box<dyn Derivatives<R>>),
 }
 
-/// Computes a Jacobian in sweeps over the directions.
-struct Sweeps<'a, R, E> {
-    equations: &'a E,
-    drive: &'a SegmentDrive<R>,
-    tau: R,
-    y: &'a States<R>,
-    ledger: bool,
-    jacobian: &'a mut Jacobian<R>,
-}
-
-impl<R: Lanes, E: Equations<Dual<R, IN_LANES>>> LaneTask<Dual<R, IN_LANES>> for Sweeps<'_, R, E> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { equations, drive, tau, y, ledger, jacobian } = self;
+task! {
+    /// Computes a Jacobian in sweeps over the directions.
+    ['a, R: Lanes, E: Equations<Dual<R, IN_LANES>>]
+    Sweeps<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>, ledger: bool,
+        jacobian: &'a mut Jacobian<R>)
+    for Dual<R, IN_LANES> => () = {
         let contacts = drive.contacts.lifted();
         for_fingers_of!(equations, driven [true] => {
             let size = size_of(equations, driven, ledger);
@@ -79,18 +67,14 @@ type Directions = Dual<f64, DIRECTIONS>;
 
 /// What is evaluated in numbers with derivatives, whose directions are the caller's.
 pub struct Seeded<D> {
-    /// The inputs.
     pub input: Input<D>,
     /// The motion of the hand, if it moves.
     pub frame: Option<FrameMotion<D>>,
-    /// The modes of the contacts.
     pub contacts: Contacts<D>,
-    /// The state.
     pub y: States<D>,
 }
 
 task! {
-    /// Evaluates it.
     ['a, D: Lanes, E: Equations<D>]
     Evaluate<'a, D, E>(equations: &'a E, at: &'a Seeded<D>, ledger: bool) for D => Evaluation<D> = {
         let (plant, driven) = (equations.plant(), equations.plant().driven);
@@ -123,28 +107,19 @@ struct Swept<R, X> {
 impl<R: Lanes, X: Lanes> Swept<R, X> {
     /// Evaluates a state. The paper's parts of several runs have [`Tangent::InLanes`].
     fn evaluate(&self, at: &Seeded<Dual<X, 1>>) -> Evaluation<Dual<X, 1>> {
-        let SceneEquations { instructions, ledger, .. } = self.equations;
+        let SceneEquations { ledger, .. } = self.equations;
         with!(self.equations.kind, equations [R::WIDTH == 1, true] => {
-            Dual::call(instructions, Evaluate { equations, at, ledger })
+            Dual::outlined(Evaluate { equations, at, ledger })
         })
     }
 }
 
-/// Computes a Jacobian, a direction in each lane.
-struct SweptJacobian<'a, R, X> {
-    swept: &'a Swept<R, X>,
-    drive: &'a SegmentDrive<R>,
-    tau: R,
-    y: &'a States<R>,
-    jacobian: &'a mut Jacobian<R>,
-}
-
-impl<R: Lanes, X: Lanes> LaneTask<R> for SweptJacobian<'_, R, X> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { swept, drive, tau, y, jacobian } = self;
+task! {
+    /// Computes a Jacobian, a direction in each lane.
+    ['a, R: Lanes, X: Lanes]
+    SweptJacobian<'a, R, X>(swept: &'a Swept<R, X>, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>,
+        jacobian: &'a mut Jacobian<R>)
+    for R => () = {
         let size = with!(swept.equations.kind, equations [R::WIDTH == 1, true] => {
             size_of(equations, equations.plant().driven, swept.equations.ledger)
         });
@@ -181,7 +156,7 @@ impl<R: Lanes, X: Lanes> LaneTask<R> for SweptJacobian<'_, R, X> {
 
 impl<R: Lanes, X: Lanes> Derivatives<R> for Swept<R, X> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
-        R::call(self.equations.instructions, SweptJacobian { swept: self, drive, tau, y, jacobian });
+        R::outlined(SweptJacobian { swept: self, drive, tau, y, jacobian });
     }
 
     fn seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
@@ -212,11 +187,11 @@ impl<R: Lanes> LaneKernel for BuildFor<'_, R> {
     type Output = Box<dyn Derivatives<R>>;
 
     #[inline(always)]
-    fn run<X: Lanes>(self, instructions: Instructions) -> Self::Output {
+    fn run<X: Lanes>(self) -> Self::Output {
         let Self(choice, parameters, gains, runs) = self;
         // The lanes of the runs come once for each direction.
         let parameters = &std::array::from_fn(|lane| parameters[lane % R::WIDTH]);
-        let equations = SceneEquations::new(instructions, choice, &Constants(parameters), gains);
+        let equations = SceneEquations::new(choice, &Constants(parameters), gains);
         Box::new(Swept::<R, X> { equations, runs })
     }
 }
@@ -225,9 +200,9 @@ impl<R: Lanes> Linear<R> for Tangent<R> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
         match self {
             Self::InLanes(system) if R::WIDTH > 1 => {
-                let (instructions, ledger) = (system.instructions, system.ledger);
+                let ledger = system.ledger;
                 with!(system.kind, equations [true, false] => {
-                    Dual::call(instructions, Sweeps { equations, drive, tau, y, ledger, jacobian });
+                    Dual::outlined(Sweeps { equations, drive, tau, y, ledger, jacobian });
                 });
             }
             Self::InLanes(_) => unreachable!("single runs are swept"),
@@ -238,37 +213,16 @@ impl<R: Lanes> Linear<R> for Tangent<R> {
 
 impl<R: Lanes> Tangent<R> {
     /// Builds the equations of a scene, or of one scene for each lane.
-    pub fn new(
-        instructions: Instructions,
-        choice: Choice,
-        parameters: &[&Parameters; MOST],
-        gains: &Stabilization,
-    ) -> Self {
+    pub fn new(choice: Choice, parameters: &[&Parameters; MOST], gains: &Stabilization) -> Self {
         let papers = !R::ANY_PARTS || parameters[0].has_the_papers_parts();
         let build = BuildFor(choice, parameters, gains, PhantomData);
         if R::WIDTH == 1 {
-            Self::Swept(call_four_lanes(instructions, build))
+            Self::Swept(call_four_lanes(build))
         } else if papers {
             let source = &Constants(parameters);
-            Self::InLanes(Box::new(SceneEquations::new(instructions, choice, source, gains)))
+            Self::InLanes(Box::new(SceneEquations::new(choice, source, gains)))
         } else {
-            Self::Swept(build.run::<R>(instructions))
-        }
-    }
-
-    /// Builds them anew for runs with parts of the same kinds, in the same place.
-    pub fn renew(
-        &mut self,
-        instructions: Instructions,
-        choice: Choice,
-        parameters: &[&Parameters; MOST],
-        gains: &Stabilization,
-    ) {
-        match self {
-            Self::InLanes(system) if R::WIDTH > 1 => {
-                **system = SceneEquations::new(instructions, choice, &Constants(parameters), gains);
-            }
-            _ => *self = Self::new(instructions, choice, parameters, gains),
+            Self::Swept(build.run::<R>())
         }
     }
 }

@@ -15,7 +15,6 @@ use crate::number::{Real, inlined};
 #[derive(Debug, Clone, Copy)]
 pub struct Unilateral<R> {
     pub(crate) csm: Csm<R>,
-    /// mu of both contacts.
     pub(super) friction: [R; 2],
 }
 

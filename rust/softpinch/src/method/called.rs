@@ -4,22 +4,21 @@
 use crate::formulation::{SceneEquations, States};
 use crate::method::{Adaptive, Integrator, Runs, Stats, Step, StepResult};
 use crate::model::SegmentDrive;
-use crate::number::{Bits, Instructions, LaneTask, Lanes, inlined, task};
+use crate::number::{Bits, LaneTask, Lanes, inlined, task};
 
 pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>> + Send + Sync>;
 pub type AnyAdaptiveMethod<R = f64> = Box<dyn Adaptive<R, SceneEquations<R>> + Send + Sync>;
 
 /// A method whose computations are called, each compiled with the instructions of the lanes.
 pub struct Called<M> {
-    pub(super) instructions: Instructions,
     pub(super) method: M,
     /// Renews what depends on the parameters of the runs.
     pub(super) renew: fn(&mut M, Runs<'_>),
 }
 
 impl<M> Called<M> {
-    pub(super) fn new(runs: Runs<'_>, method: M) -> Self {
-        Self { instructions: runs.instructions, method, renew: |_, _| {} }
+    pub(super) fn new(method: M) -> Self {
+        Self { method, renew: |_, _| {} }
     }
 }
 
@@ -59,11 +58,11 @@ impl<R: Lanes, M: Integrator<R, SceneEquations<R>>> Integrator<R, SceneEquations
     }
 
     fn step(&mut self, step: &Step<'_, R>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
-        R::call(self.instructions, TakeStep { method: &mut self.method, step, next, stats })
+        R::outlined(TakeStep { method: &mut self.method, step, next, stats })
     }
 
     fn take_jacobian(&mut self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
-        R::call(self.instructions, TakeJacobian { method: &mut self.method, drive, tau, y });
+        R::outlined(TakeJacobian { method: &mut self.method, drive, tau, y });
     }
 }
 
@@ -71,14 +70,14 @@ impl<R: Lanes, M: Adaptive<R, SceneEquations<R>>> Adaptive<R, SceneEquations<R>>
     inlined! { accepted(&mut self, h: R) -> () = self.method.accepted(h); }
 
     fn error(&mut self, step: &Step<'_, R>, retried: Bits, stats: &mut Stats) -> R {
-        R::call(self.instructions, EstimateError { method: &mut self.method, step, retried, stats })
+        R::outlined(EstimateError { method: &mut self.method, step, retried, stats })
     }
 
     fn prepare(&mut self, step: &Step<'_, R>, next: &States<R>, stats: &mut Stats) {
-        R::call(self.instructions, Prepare { method: &mut self.method, step, next, stats });
+        R::outlined(Prepare { method: &mut self.method, step, next, stats });
     }
 
     fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R> {
-        R::call(self.instructions, Interpolate { method: &self.method, y, next, x })
+        R::outlined(Interpolate { method: &self.method, y, next, x })
     }
 }

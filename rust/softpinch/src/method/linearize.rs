@@ -265,7 +265,6 @@ mod tests {
     use crate::model::piecewise::PiecewisePolynomial;
     use crate::model::start::consistent;
     use crate::number::lanes::MOST;
-    use crate::number::simd::level::Level;
 
     const KP: [f64; 2] = [90.0, 110.0];
     const KI: [f64; 2] = [1000.0, 600.0];
@@ -317,11 +316,10 @@ mod tests {
         ledger: bool,
     ) -> (SceneEquations<f64>, Tangent<f64>) {
         let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
-        let instructions = Level::detect().require().unwrap();
         let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers, moves: false, ledger };
         (
-            SceneEquations::new(instructions, choice, &parameters(), &gains),
-            Tangent::new(instructions, choice, &[&parameters(); MOST], &gains),
+            SceneEquations::new(choice, &parameters(), &gains),
+            Tangent::new(choice, &[&parameters(); MOST], &gains),
         )
     }
 

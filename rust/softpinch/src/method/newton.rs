@@ -170,7 +170,7 @@ pub(super) fn newton<M, F: Copy>(
     scheme: M,
 ) -> Called<Newton<M, F>> {
     let magnitudes = system.begin(&Motion::typical_magnitudes(runs.parameters[0]));
-    Called::new(runs, Newton::new(system.size(), runs.tangent(), magnitudes, scheme))
+    Called::new(Newton::new(system.size(), runs.tangent(), magnitudes, scheme))
 }
 
 impl<M, F, T, S> Integrator<f64, S> for Newton<M, F, T>

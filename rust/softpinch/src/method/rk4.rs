@@ -24,7 +24,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
         one + z * (one + z / 2.0 * (one + z / 3.0 * (one + z / 4.0)))
     },
     keeps_jacobian: false,
-    alone: |runs, _| Box::new(Called::new(runs, Rk4::default())),
+    alone: |_, _| Box::new(Called::new(Rk4::default())),
     adaptive: None,
     error_order: 0.0,
     min_growth: 1.0,

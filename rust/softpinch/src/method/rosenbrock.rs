@@ -34,7 +34,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
 };
 
 pub(super) fn rosenbrock(runs: Runs<'_>, system: &SceneEquations<f64>) -> Called<Rosenbrock<Tangent<f64>>> {
-    Called::new(runs, Rosenbrock::new(system.size(), runs.tangent()))
+    Called::new(Rosenbrock::new(system.size(), runs.tangent()))
 }
 
 pub(super) const STAGES: usize = 6;

@@ -62,13 +62,12 @@ task! {
 
 impl<R: Lanes, M: Differentiable<R>> Differentiable<R> for Called<M> {
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
-        R::call(self.instructions, Differentiate { method: &self.method, solved })
+        R::outlined(Differentiate { method: &self.method, solved })
     }
 }
 
 /// A method as a run with derivatives uses it.
 pub enum RunDualMethod<R> {
-    /// An explicit method takes its steps in dual numbers.
     Explicit(AnyMethod<RunDual<R>>),
     /// A method that solves equations takes its steps in plain numbers.
     Solved(Box<Solved<R>>),
@@ -93,8 +92,8 @@ impl<R: Lanes> RunDualMethod<R> {
             RunDualMethod::Solved(Box::new(Solved { method, system, drive: SegmentDrive::still() }))
         }
         match method {
-            Method::Rk4 => Self::Explicit(Box::new(Called::new(runs, Rk4::default()))),
-            Method::Dop853 => Self::Explicit(Box::new(Called::new(runs, Dop853::default()))),
+            Method::Rk4 => Self::Explicit(Box::new(Called::new(Rk4::default()))),
+            Method::Dop853 => Self::Explicit(Box::new(Called::new(Dop853::default()))),
             Method::ImplicitMidpoint => {
                 solved(runs, |runs, system| newton::<_, Factors<f64>>(runs, system, ImplicitMidpoint))
             }

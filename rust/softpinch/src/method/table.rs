@@ -5,6 +5,7 @@ use nalgebra::Complex;
 use crate::formulation::{SceneEquations, System, Tangent};
 use crate::method::{AnyAdaptiveMethod, AnyMethod, Called, Dop853, Rosenbrock, Runs};
 use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
+use crate::model::Constants;
 use crate::names::named;
 use crate::number::{LaneEntry, LaneTask, Lanes, task};
 
@@ -55,10 +56,16 @@ task! {
         Method::Rosenbrock => {
             type InLanes<R> = Rosenbrock<Tangent<R>, R, LaneEntry<R>>;
             let method = InLanes::<R>::new(system.size(), runs.tangent());
-            let renew = |method: &mut InLanes<R>, runs: Runs<'_>| runs.renew(&mut method.tangent);
-            Box::new(Called { renew, ..Called::new(runs, method) })
+            let renew = |method: &mut InLanes<R>, runs: Runs<'_>| match &mut method.tangent {
+                Tangent::InLanes(system) => {
+                    // In place, because it is large.
+                    **system = SceneEquations::new(runs.choice, &Constants(&runs.parameters), runs.gains);
+                }
+                swept => *swept = runs.tangent(),
+            };
+            Box::new(Called { renew, ..Called::new(method) })
         }
-        _ => Box::new(Called::new(runs, Dop853::default())),
+        _ => Box::new(Called::new(Dop853::default())),
     }
 }
 

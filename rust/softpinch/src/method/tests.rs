@@ -13,11 +13,8 @@ use crate::method::rk4::Rk4;
 use crate::method::rosenbrock::Rosenbrock;
 use crate::method::table::{METHODS, Method};
 use crate::method::traits::{Adaptive, Allowed, Integrator, Stats, Step};
-use crate::model::contact_modes::Contacts;
 use crate::model::drive::{Input, SegmentDrive};
-use crate::model::energy::Energies;
 use crate::model::inputs::Inputs;
-use crate::model::motion::Motion;
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::number::dual::Dual;
 use crate::number::lanes::Lanes;
@@ -55,10 +52,6 @@ impl<R: Lanes> System<R> for Equation {
         Size { states: 2, degrees: 1, works: 0, relaxations: 0 }
     }
 
-    fn begin(&self, _: &Motion<R>) -> States<R> {
-        [R::zero(); MAX_COMPONENTS]
-    }
-
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         now.rate[..2].copy_from_slice(&self.derivative(drive.at(tau).target[0], y));
     }
@@ -66,12 +59,6 @@ impl<R: Lanes> System<R> for Equation {
     fn rates(&self, input: &Input<R>, _: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         let y = std::array::from_fn(|n| at.along[n].mul_add(at.by, at.from[n]));
         rate[..2].copy_from_slice(&self.derivative(input.target[0], &y));
-    }
-
-    fn jump(&self, _: &Input<R>, _: &mut States<R>, _: &[R; 3]) {}
-
-    fn energies(&self, _: &Contacts<R>, _: &Motion<R>) -> Energies<R> {
-        Energies { kinetic: R::zero(), elastic: R::zero(), gravity: R::zero() }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::formulation::{Choice, MAX_COMPONENTS, SceneEquations, Size, States, System, Tangent};
 use crate::model::{Parameters, SegmentDrive, Stabilization};
-use crate::number::{Bits, Instructions, Lanes, MOST, inlined};
+use crate::number::{Bits, Lanes, MOST, inlined};
 
 /// An iteration that did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -124,13 +124,11 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
     fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R>;
 }
 
-/// The parameters of the run in each lane.
 pub type LaneParameters<'a> = [&'a Parameters; MOST];
 
 /// The equations of the runs in all lanes, for which a method is made.
 #[derive(Clone, Copy)]
 pub struct Runs<'a> {
-    pub instructions: Instructions,
     pub choice: Choice,
     pub parameters: LaneParameters<'a>,
     pub gains: &'a Stabilization,
@@ -138,7 +136,7 @@ pub struct Runs<'a> {
 
 impl Runs<'_> {
     pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
-        SceneEquations::new(self.instructions, self.choice, &self.parameters, self.gains)
+        SceneEquations::new(self.choice, &self.parameters, self.gains)
     }
 
     /// Builds the equations, and a method for them.
@@ -154,11 +152,6 @@ impl Runs<'_> {
 
     /// Builds the same equations in dual numbers.
     pub fn tangent<R: Lanes>(&self) -> Tangent<R> {
-        Tangent::new(self.instructions, self.choice, &self.parameters, self.gains)
-    }
-
-    /// Builds them anew.
-    pub fn renew<R: Lanes>(&self, tangent: &mut Tangent<R>) {
-        tangent.renew(self.instructions, self.choice, &self.parameters, self.gains);
+        Tangent::new(self.choice, &self.parameters, self.gains)
     }
 }

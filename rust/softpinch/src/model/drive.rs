@@ -2,7 +2,7 @@
 //! segment's start, and sines: an evaluation takes a few multiply-adds, or none if all channels are constant.
 
 use crate::model::{Contacts, FrameMotion};
-use crate::number::{Bits, Dual, Instructions, LaneTask, Lanes, Lift, MOST, task};
+use crate::number::{Bits, Dual, LaneTask, Lanes, Lift, MOST, Real, task};
 
 /// Highest degree of a polynomial.
 pub const MAX_DEGREE: usize = 5;
@@ -67,11 +67,9 @@ pub(crate) struct SegmentFrame<R> {
     pub(super) degree: usize,
     /// sin phi and cos phi in lanes whose tilt does not change.
     pub(super) direction: [R; 2],
-    /// Whether there is a sinusoid in any lane.
     pub(super) swings: bool,
     /// Whether the tilt changes in any lane.
     pub(super) turns: bool,
-    pub(crate) instructions: Instructions,
 }
 
 impl<R: Lanes> SegmentFrame<R> {
@@ -83,16 +81,15 @@ impl<R: Lanes> SegmentFrame<R> {
             degree: self.degree,
             swings: self.swings,
             turns: self.turns,
-            instructions: self.instructions,
         }
     }
 
-    fn still(instructions: Instructions) -> Self {
+    fn still() -> Self {
         let zero = R::zero();
         let wave = Wave { numbers: [zero; 5], active: R::ALL };
         let (degree, swings, turns) = (0, false, false);
         let channels = [[zero; COEFFICIENTS]; FRAME_CHANNELS];
-        Self { channels, wave, degree, direction: [zero; 2], swings, turns, instructions }
+        Self { channels, wave, degree, direction: [zero; 2], swings, turns }
     }
 
     fn set(&mut self, lane: usize, own: &SegmentFrame<f64>) {
@@ -152,7 +149,6 @@ impl<R: Lanes> SegmentFrame<R> {
             degree: own.degree,
             swings: own.swings,
             turns: own.turns,
-            instructions: own.instructions,
         };
         for slope in slopes {
             frame.degree = frame.degree.max(slope.degree);
@@ -170,7 +166,7 @@ task! {
 impl SegmentFrame<f64> {
     /// The motion at time `tau` since the segment's start.
     pub(crate) fn at(&self, tau: f64) -> FrameMotion<f64> {
-        f64::call(self.instructions, FrameAt { frame: self, tau })
+        f64::outlined(FrameAt { frame: self, tau })
     }
 }
 
@@ -257,7 +253,7 @@ impl<R: Lanes> SegmentDrive<R> {
     pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
         set_channels(&mut self.channels, lane, &own.channels);
         if let Some(own) = &own.frame {
-            let still = || SegmentFrame::still(own.instructions).into();
+            let still = || SegmentFrame::still().into();
             self.frame.get_or_insert_with(still).set(lane, own);
         }
         self.degrees[lane] = own.degree;

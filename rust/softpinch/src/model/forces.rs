@@ -68,7 +68,6 @@ pub struct Forces<R> {
     pub elastic: [ElasticGradient<R>; 2],
     /// Gravity's torque on the fingers (43), or that of the hand's motion.
     pub finger_gravity: [R; 2],
-    /// Weight M g of the object.
     pub weight: R,
     /// Elastic and viscous (44), (45) forces on (d_n1, d_n2, d_t1, d_t2), with reversed signs.
     pub resistance: [R; 4],

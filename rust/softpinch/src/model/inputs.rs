@@ -10,7 +10,7 @@ use crate::model::noise::{require_countable, require_end};
 use crate::model::{
     Fingers, FrameMotion, Noise, PiecewisePolynomial, Rule, SampledController, SegmentDrive, SegmentFrame,
 };
-use crate::number::{Instructions, Level, MOST, Real};
+use crate::number::{MOST, Real};
 
 /// amplitude * sin(omega (t - start) + phase) from `start` until `end`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,21 +60,16 @@ pub struct HandMotion {
     /// Angular frequency, rad/s, and phase at time 0, rad, of a sinusoid at all times, and its amplitudes: of the
     /// accelerations, m/s^2, and of the tilt, rad.
     pub sine: [f64; 5],
-    instructions: Instructions,
 }
 
 impl HandMotion {
-    /// A motion. The error says that this processor has not the instructions that the crate needs.
-    pub fn new(
-        acceleration: PiecewisePolynomial<2>,
-        tilt: PiecewisePolynomial<1>,
-        sine: [f64; 5],
-    ) -> Result<Self> {
-        Ok(Self { acceleration, tilt, sine, instructions: Level::detect().require()? })
+    /// The motion with these accelerations and this tilt.
+    pub fn new(acceleration: PiecewisePolynomial<2>, tilt: PiecewisePolynomial<1>, sine: [f64; 5]) -> Self {
+        Self { acceleration, tilt, sine }
     }
 
     /// The motion at all times with the acceleration and the tilt of an instant, without turning.
-    pub fn constant(frame: &FrameMotion<f64>) -> Result<Self> {
+    pub fn constant(frame: &FrameMotion<f64>) -> Self {
         let [x, y] = frame.in_fixed_axes(frame.acceleration);
         let tilt = frame.sin.atan2(frame.cos);
         Self::new(PiecewisePolynomial::constant([x, y]), PiecewisePolynomial::constant([tilt]), [0.0; 5])
@@ -86,7 +81,6 @@ impl HandMotion {
             acceleration: PiecewisePolynomial::constant(self.acceleration.value_and_rate(t)[0]),
             tilt: PiecewisePolynomial::constant(self.tilt.value_and_rate(t)[0]),
             sine: [0.0; 5],
-            ..*self
         }
     }
 
@@ -112,7 +106,6 @@ impl HandMotion {
             direction: [sin, cos],
             swings: *amplitude != [0.0; 3],
             turns,
-            instructions: self.instructions,
         }
     }
 }

@@ -4,7 +4,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::{Bits, Instructions, LaneTask, Lanes, Lift, Real, inlined};
+use crate::number::{Bits, LaneTask, Lanes, Lift, Real, inlined};
 
 /// A value and its derivatives in `W` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -230,11 +230,6 @@ impl<R: Real, K: LaneTask<Dual<R, W>>, const W: usize> LaneTask<R> for Wrapped<K
 /// their values.
 impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
     const WIDTH: usize = R::WIDTH;
-
-    #[inline(always)]
-    fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
-        R::call(instructions, Wrapped::<_, W>(task))
-    }
 
     inlined! {
         from_fn(f: impl FnMut(usize) -> f64) -> Self = Self::lift(R::from_fn(f));

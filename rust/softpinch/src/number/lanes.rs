@@ -4,7 +4,7 @@
 //! lane, which is `f64` itself (`scalar.rs`); the vectors of the processor are in `simd/x86.rs`. Code that is
 //! written in terms of [`Lanes`] gives each lane the bits that its run would have alone.
 
-use crate::number::{Bits, Instructions, LaneTask, Real, inlined};
+use crate::number::{Bits, Real, inlined};
 
 /// The largest width of any [`Lanes`].
 pub const MOST: usize = 8;
@@ -39,12 +39,6 @@ pub trait Lanes: Real {
     /// Sine and cosine of an angle that consists of a number of quarter turns and a remainder. `sin` and
     /// `cos` are those of the remainder; the lowest bits of `quadrants` hold the number of quarter turns.
     fn rotate_quadrants(quadrants: Self, sin: Self, cos: Self) -> (Self, Self);
-
-    /// [`Real::outlined`] for a caller that has the proof of the instructions, which numbers of single runs need.
-    #[inline(always)]
-    fn call<K: LaneTask<Self>>(_instructions: Instructions, task: K) -> K::Output {
-        Self::outlined(task)
-    }
 
     inlined! {
         /// The lanes in which the number is zero, of either sign. NaN is not zero.

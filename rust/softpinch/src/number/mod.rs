@@ -22,5 +22,5 @@ pub(crate) use real::{Bits, dot, inlined, signed, task};
 pub use real::{LaneTask, Real};
 pub(crate) use simd::dispatch::call_four_lanes;
 pub use simd::dispatch::{LaneKernel, dispatch_lanes};
-pub use simd::level::{Instructions, LEVELS, Level};
+pub use simd::level::{LEVELS, Level};
 pub(crate) use trigonometry::sin_cos;

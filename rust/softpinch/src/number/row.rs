@@ -12,7 +12,6 @@ use crate::number::{Bits, LaneTask, Lanes, Real};
 pub struct Row4([f64; 4]);
 
 impl Row4 {
-    /// The lanes in which two rows' numbers are so.
     #[inline(always)]
     fn where_both(self, other: Self, holds: impl Fn(&f64, &f64) -> bool) -> Bits {
         (0..4).fold(0, |bits, k| bits | Bits::from(holds(&self.0[k], &other.0[k])) << k)

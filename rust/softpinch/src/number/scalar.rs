@@ -2,7 +2,7 @@
 
 use crate::number::simd::dispatch::call_alone;
 use crate::number::trigonometry;
-use crate::number::{Bits, Instructions, LaneTask, Lanes, Real, inlined};
+use crate::number::{Bits, LaneTask, Lanes, Real, inlined};
 
 impl Real for f64 {
     inlined! {
@@ -19,21 +19,12 @@ impl Real for f64 {
 
     #[inline(always)]
     fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {
-        let Some(proof) = Instructions::here() else {
-            // Nothing is computed on a processor without a level: the module refuses it when it is imported.
-            std::process::abort()
-        };
-        call_alone(proof, task)
+        call_alone(task)
     }
 }
 
 impl Lanes for f64 {
     const WIDTH: usize = 1;
-
-    #[inline(always)]
-    fn call<K: LaneTask<Self>>(instructions: Instructions, task: K) -> K::Output {
-        call_alone(instructions, task)
-    }
 
     inlined! {
         from_fn(mut f: impl FnMut(usize) -> f64) -> Self = f(0);

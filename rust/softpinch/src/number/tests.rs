@@ -4,7 +4,7 @@ use crate::number::lanes::{Lanes, each};
 use crate::number::linear::{LaneEntry, Lu, MOST_ROWS};
 use crate::number::row::Row4;
 use crate::number::simd::dispatch::{LaneKernel, dispatch_lanes};
-use crate::number::simd::level::{Instructions, LEVELS};
+use crate::number::simd::level::LEVELS;
 
 /// Numbers of all magnitudes, among them signed zeros, a subnormal number, huge angles, infinity and NaN.
 fn numbers(k: usize) -> f64 {
@@ -43,7 +43,7 @@ impl LaneKernel for Compare {
     type Output = usize;
 
     #[inline(always)]
-    fn run<R: Lanes>(self, _: Instructions) -> usize {
+    fn run<R: Lanes>(self) -> usize {
         for start in 0..500 {
             let at = |shift: usize| move |lane: usize| numbers(3 * (start + lane) + shift);
             let (a, b, c) = (at(0), at(1), at(2));
@@ -77,7 +77,7 @@ fn every_lane_gives_the_bits_of_a_lone_f64() {
     for (_, level) in LEVELS {
         match dispatch_lanes(level, Compare) {
             Ok(width) => {
-                assert_eq!(Compare.run::<Row4>(level.require().expect("the level is available")), 4);
+                assert_eq!(Compare.run::<Row4>(), 4);
                 assert!([4, 8].contains(&width));
             }
             Err(error) => assert_eq!(level.require().err(), Some(error)),

@@ -11,7 +11,7 @@ use crate::stepping::adaptive_lanes::{LookInside, Progress};
 use crate::stepping::ending::{too_many, too_small};
 use crate::stepping::sizes::{is_unresolved, next_length};
 use crate::stepping::{
-    AdaptiveLanes, LaneBatch, LoopSetup, POLL, Phase, Sizes, Status, StepStart, interruption, merged, watched,
+    AdaptiveLanes, LaneBatch, LoopSetup, POLL, Phase, Sizes, Status, StepStart, interruption, merged,
 };
 
 pub struct AdaptiveSteps<'a, B> {
@@ -30,7 +30,7 @@ where
     #[inline(always)]
     fn run(self) -> Result {
         let Self { setup, tolerance, build } = self;
-        let LoopSetup { instructions, options, .. } = setup;
+        let LoopSetup { options, .. } = setup;
         let entry = options.method.entry();
         let zero = R::zero();
         let mut lanes = AdaptiveLanes {
@@ -69,7 +69,7 @@ where
                 }
                 if lanes.entering() != 0 {
                     method.restart();
-                    R::call(instructions, Enter { lanes: &mut lanes, start: &mut start });
+                    R::outlined(Enter { lanes: &mut lanes, start: &mut start });
                 }
             }
             if lanes.batch.active() == 0 {
@@ -166,7 +166,7 @@ where
             if each(accepted).any(|lane| asked >> lane & 1 != 0 || turning_times[lane].is_finite()) {
                 let (lanes, method, start, step, next) = (&mut lanes, &mut method, &start, (tau, h), &next);
                 let look = LookInside { lanes, method, start, step, next, accepted, ends, turning_times };
-                accepted = R::call(instructions, look);
+                accepted = R::outlined(look);
             }
 
             start.sizes.note(size, arrived, accepted, 0);
@@ -196,8 +196,7 @@ where
             let due = finite & 1 != 0 && lanes.batch.is_due(ends.lane(0), false);
             for lane in each(finite & (seen.ended | at_end | Bits::from(due))) {
                 let t = ends.lane(lane);
-                let contact = lanes.batch.contact_row(lane);
-                let instant = watched(size, (lane, contact), &end_state, arrived, t, (t, 0));
+                let instant = lanes.batch.instant(lane, size, (&end_state, arrived), t, (t, 0));
                 if lanes.goes_on(&start, lane, due, &seen, &instant) && at_end >> lane & 1 != 0 {
                     lanes.retire(&start, lane, (Status::Completed, String::new()), &instant);
                 }

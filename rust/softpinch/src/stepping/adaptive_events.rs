@@ -8,7 +8,7 @@ use crate::model::Scene;
 use crate::number::{Bits, LaneTask, Lanes, each, task};
 use crate::stepping::{
     AdaptiveLanes, ContactEnd, EventResult, LaneContact, MOST_EVENTS, Moment, Phase, Reason, Status,
-    StepStart, column, merged, put, watched,
+    StepStart, column, merged, put,
 };
 
 /// The share of a segment that stands in for the length of a step where none is known yet.
@@ -66,7 +66,6 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
         }
     }
 
-    /// Chooses the modes in the lanes of `begins`, which begin a segment.
     #[cold]
     pub fn choose_modes(&mut self, begins: Bits, start: &mut StepStart<R>) {
         for lane in each(begins & self.entering()) {
@@ -159,8 +158,7 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
                 self.stop(lane, start, None);
                 continue;
             }
-            let contact = self.batch.contact_row(lane);
-            let instant = watched(size, (lane, contact), &now, &start.y, t, (t, 0));
+            let instant = self.batch.instant(lane, size, (&now, &start.y), t, (t, 0));
             let due = self.batch.is_due(t, false);
             if !self.goes_on(start, lane, due, &seen, &instant) {
                 continue;

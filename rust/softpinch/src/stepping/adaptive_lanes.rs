@@ -8,9 +8,9 @@ use crate::error::Result;
 use crate::formulation::{Evaluation, SceneEquations, States, System};
 use crate::method::{AnyAdaptiveMethod, Step, StepControl, Unsolved};
 use crate::model::{Coordinates, Motion, Scene};
-use crate::number::{Bits, LaneTask, Lanes, MOST, each};
+use crate::number::{Bits, LaneTask, Lanes, MOST, Real, each};
 use crate::stepping::monitor::ViolatingTurningPoint;
-use crate::stepping::{End, Event, Instant, LaneBatch, Phase, Seen, Sizes, Span, full, overflow, watched};
+use crate::stepping::{End, Event, Instant, LaneBatch, Phase, Seen, Sizes, Span, full, overflow};
 
 /// The places of the runs in time. In a lane without a run all numbers are zero.
 pub struct Progress<R> {
@@ -126,8 +126,7 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
             return self.batch.runs[lane].as_ref()?.saved_instant;
         }
         let t = self.progress.watched.lane(lane);
-        let contact = self.batch.contact_row(lane);
-        Some(watched(start.system.size(), (lane, contact), &start.now, &start.y, t, (t, 0)))
+        Some(self.batch.instant(lane, start.system.size(), (&start.now, &start.y), t, (t, 0)))
     }
 
     pub fn save(&mut self, lane: usize, last: Option<Instant>) {
@@ -186,7 +185,7 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
                 (h.lane(lane), self.progress.from.lane(lane), self.progress.tau.lane(lane));
             let (ends, parameters) = ([&before.lane(lane), &after.lane(lane)], &run.scene.parameters);
             let task = ViolatingTurningPoint { parameters, ends, h: taken };
-            if let Some(x) = f64::call(self.batch.instructions, task) {
+            if let Some(x) = f64::outlined(task) {
                 turning_times[lane] = from + x.mul_add(taken, tau);
             }
         }
@@ -194,7 +193,7 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
     }
 }
 
-/// The evaluation `a` in the lanes of `bits`, `b` in all other lanes.
+/// The evaluation `a` in the lanes of `bits`, `b` in all other lanes, but for what only monitors need.
 #[inline(always)]
 pub fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Evaluation<R> {
     fn each<R: Lanes, const N: usize>(bits: Bits, a: &[R; N], b: &[R; N]) -> [R; N] {
@@ -210,11 +209,8 @@ pub fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Eva
         },
         multipliers: each(bits, &a.multipliers, &b.multipliers),
         residuals: each(bits, &a.residuals, &b.residuals),
-        tilt: each(bits, &a.tilt, &b.tilt),
-        sin_tilt: each(bits, &a.sin_tilt, &b.sin_tilt),
-        places: each(bits, &a.places, &b.places),
         torque: each(bits, &a.torque, &b.torque),
-        share: each(bits, &a.share, &b.share),
+        ..*b
     }
 }
 
@@ -276,8 +272,7 @@ impl<R: Lanes> LaneTask<R> for LookInside<'_, '_, R> {
                 if seen.finite >> lane & 1 == 0 {
                     lanes.stop(lane, start, None);
                 } else {
-                    let contact = lanes.batch.contact_row(lane);
-                    let instant = watched(size, (lane, contact), &then, &between, t, (t, 0));
+                    let instant = lanes.batch.instant(lane, size, (&then, &between), t, (t, 0));
                     lanes.save(lane, Some(instant));
                     let due = lanes.batch.is_due(t, true);
                     lanes.goes_on(start, lane, due, &seen, &instant);

@@ -10,7 +10,7 @@ use crate::model::energy;
 use crate::model::{
     BILATERAL_WORKS, ContactModel, Energies, Motion, Parameters, Scene, SegmentDrive, Source, WORKS, apart,
 };
-use crate::number::{Bits, Instructions, LaneTask, Lanes, MOST, each, inlined, task};
+use crate::number::{Bits, LaneTask, Lanes, MOST, each, inlined, task};
 use crate::stepping::ending::{after_violation, unstable};
 use crate::stepping::instant::{energies, put_motion};
 use crate::stepping::monitor::{Margins, explain};
@@ -43,7 +43,6 @@ pub struct RunQueue<'a> {
     /// Whether the caller wants to stop.
     pub stops: &'a dyn Fn() -> bool,
     pub finish: &'a mut dyn FnMut(Finished),
-    /// Records the run of a loop of one lane.
     pub recorder: Recorder<'a>,
 }
 
@@ -51,12 +50,10 @@ pub struct Finished {
     pub number: usize,
     /// The run, which the loop itself does not record.
     pub run: Run,
-    /// Its contacts, in unilateral contact.
     pub contact: Option<Box<LaneContact>>,
 }
 
 pub struct LoopSetup<'a> {
-    pub instructions: Instructions,
     pub options: &'a Options,
     pub choice: Choice,
     pub queue: RunQueue<'a>,
@@ -77,7 +74,6 @@ pub struct LaneRun<'a, P> {
     pub place: P,
 }
 
-/// The findings at an instant of the runs in all lanes.
 pub struct Seen {
     pub finite: Bits,
     /// Lanes whose run ends because of a violation, or because its steps are unstable.
@@ -93,14 +89,12 @@ pub struct LaneBatch<'a, R, P> {
     pub queue: RunQueue<'a>,
     pub options: &'a Options,
     choice: Choice,
-    pub(super) instructions: Instructions,
     pub runs: [Option<LaneRun<'a, P>>; MOST],
     pub phases: Phases,
     pub drive: SegmentDrive<R>,
     pub stats: Stats,
     /// Parameters for lanes without a run.
     resting: Parameters,
-    /// The motions with which the runs start.
     start: Motion<R>,
     pub(super) limits: Limits<R>,
     half_width: R,
@@ -128,7 +122,7 @@ pub struct LaneBatch<'a, R, P> {
 impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     #[inline(always)]
     pub fn new(setup: LoopSetup<'a>) -> Self {
-        let LoopSetup { instructions, options, choice, queue } = setup;
+        let LoopSetup { options, choice, queue } = setup;
         let resting = Parameters::default();
         let lanes: LaneParameters<'_> = [&resting; MOST];
         let stops = |violation| if options.stop_on.contains(violation) { Bits::MAX } else { 0 };
@@ -137,13 +131,12 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             queue,
             options,
             choice,
-            instructions,
             runs: [const { None }; MOST],
             phases: Phases::idle(),
             drive: SegmentDrive::still(),
             stats: Stats::default(),
             start: Motion::zero(),
-            limits: R::call(instructions, Numbers { source: &lanes }).0,
+            limits: R::outlined(Numbers { source: &lanes }).0,
             half_width: zero,
             initial_energies: Energies { kinetic: zero, elastic: zero, gravity: zero },
             guarded: 0,
@@ -194,7 +187,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         self.phases.set(bit, Phase::Start);
         let saved_instant = Some(Instant::start(initial));
         let contact = if self.unilateral {
-            let new = || Box::new(LaneContact::new(self.instructions, self.options, &scene));
+            let new = || Box::new(LaneContact::new(self.options, &scene));
             let mut contact = kept.unwrap_or_else(new);
             contact.restart(self.options, &scene)?;
             contact.run.put_into(&mut self.drive.contacts, lane);
@@ -270,13 +263,13 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         y: &mut States<R>,
     ) -> (S, I) {
         let built = build(self.lane_runs());
-        self.begin(&built.0, R::ALL, y);
+        self.begin(built.0.called(), R::ALL, y);
         built
     }
 
     fn lane_runs(&self) -> Runs<'_> {
-        let Self { instructions, choice, options, .. } = *self;
-        Runs { instructions, choice, parameters: self.parameters(), gains: &options.stabilization }
+        let Self { choice, options, .. } = *self;
+        Runs { choice, parameters: self.parameters(), gains: &options.stabilization }
     }
 
     /// Renews the equations and the method in place, after the lanes of `changed` have got new runs, and sets
@@ -291,15 +284,14 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let runs = self.lane_runs();
         system.renew(runs);
         method.renew(runs);
-        self.begin(system, changed, y);
+        self.begin(system.called(), changed, y);
     }
 
     /// Renews what depends on the runs, and sets the states with which the runs in the lanes of `changed` start.
     #[inline(always)]
-    fn begin(&mut self, system: &impl System<R>, changed: Bits, y: &mut States<R>) {
+    fn begin(&mut self, system: &SceneEquations<R>, changed: Bits, y: &mut States<R>) {
         let round_off;
-        (self.limits, self.half_width, round_off) =
-            R::call(self.instructions, Numbers { source: &self.parameters() });
+        (self.limits, self.half_width, round_off) = R::outlined(Numbers { source: &self.parameters() });
         let start = system.begin(&self.start);
         for (number, initial) in y.iter_mut().zip(start) {
             *number = R::select(changed, initial, *number);
@@ -319,7 +311,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     #[inline(always)]
     pub fn watch(
         &mut self,
-        system: &impl System<R>,
+        system: &impl LoopSystem<R>,
         now: &Evaluation<R>,
         y: &States<R>,
         t: R,
@@ -328,7 +320,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let size = system.size();
         let (mut closure, mut unstable) = (R::zero(), 0);
         if size.works > 0 {
-            let energies = system.energies(&self.drive.contacts, &now.motion);
+            let energies = system.called().energies(&self.drive.contacts, &now.motion);
             let works = &y[size.states..size.all()];
             closure = energy::closure(&self.initial_energies, &energies, works);
             let guarded = self.guarded & watched;
@@ -371,7 +363,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
                 let (limits, stop_on, seen) =
                     (&self.limits, &self.stop_on, seen & self.summaries.after.at_most(t));
                 let memory = &mut self.summaries.memory[Summary::Margin as usize];
-                R::call(self.instructions, Margins { limits, now, contacts, stop_on, memory, seen });
+                R::outlined(Margins { limits, now, contacts, stop_on, memory, seen });
             }
         }
         unstable &= seen;
@@ -399,7 +391,6 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         self.supplied.less(closure.abs()) & guarded
     }
 
-    /// Notes the first time of a violation in the lanes of `first_seen`.
     #[cold]
     #[inline(never)]
     fn note(&mut self, violation: usize, first_seen: Bits, t: R) {
@@ -437,7 +428,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     /// length `h`. Returns whether there were any. In unilateral contact they may end the run.
     pub(super) fn strike(
         &mut self,
-        system: &impl System<R>,
+        system: &SceneEquations<R>,
         lane: usize,
         (t, tau, h): (f64, R, f64),
         y: &mut States<R>,
@@ -455,7 +446,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         }
         for impulse in run.scene.inputs.impulses_at(t) {
             let mut jumped = *y;
-            R::call(self.instructions, Jump { system, drive: &self.drive, tau, y: &mut jumped, impulse });
+            R::outlined(Jump { system, drive: &self.drive, tau, y: &mut jumped, impulse });
             put(y, lane, &column(&jumped, lane));
         }
         Ok(true)
@@ -474,7 +465,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     /// Removes the run from a lane. `last` is the last instant of the run.
     #[cold]
     #[inline(never)]
-    pub fn retire_lane(&mut self, system: &impl System<R>, lane: usize, end: End, last: &Instant) {
+    pub fn retire_lane(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Instant) {
         self.phases.set(1 << lane, Phase::Ended);
         let Some(mut run) = self.runs[lane].take() else { return };
         let (status, message) = after_violation(end, last.t, &run.first_times);
@@ -514,7 +505,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
 
     /// Records a watched instant. The error says that there is no memory for it.
     #[inline(always)]
-    pub fn record(&mut self, system: &impl System<R>, watched: &Instant) -> Result {
+    pub fn record(&mut self, system: &SceneEquations<R>, watched: &Instant) -> Result {
         // A recorded run has a loop of its own, in lane 0.
         if self.options.record.contains(Recordable::State)
             && let Some(LaneRun { controller: Some(controller), .. }) = &self.runs[0]
@@ -547,14 +538,13 @@ task! {
 }
 task! {
     /// Computes the velocity jumps as if an impulse acted in all lanes.
-    ['a, R: Lanes, S: System<R>]
-    Jump<'a, R, S>(system: &'a S, drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, impulse: [f64; 3])
+    ['a, R: Lanes]
+    Jump<'a, R>(system: &'a SceneEquations<R>, drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, impulse: [f64; 3])
     for R => () = system.jump(&drive.at(tau), y, &impulse.map(R::constant))
 }
 
 /// Equations for a step loop. The loop of RK4 has them inlined; its rare work calls them, so that its code exists once.
 pub trait LoopSystem<R: Lanes>: System<R> {
-    /// The same equations, called.
     fn called(&self) -> &SceneEquations<R>;
 
     /// Renews the equations after some of the runs have changed.

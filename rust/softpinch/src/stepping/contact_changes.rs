@@ -1,6 +1,6 @@
 //! The changes of the contacts' modes: what happens at an event, and the choice of the next modes.
 
-use crate::formulation::{Chosen, ContactJump, choose, contacts_in};
+use crate::formulation::{Chosen, ContactJump, Equations, choose, contacts_in};
 use crate::model::{Coordinates, Mode, Motion, Slip, work};
 use crate::stepping::{
     Cause, Change, ContactRun, Event, EventResult, EventStepper, Loss, Passage, Reason, SegmentState,
@@ -285,7 +285,6 @@ impl EventStepper<'_> {
     }
 }
 
-/// Makes a contact free at its present tilt.
 fn open(run: &mut ContactRun, tilts: [f64; 2], i: usize, cause: Cause, time: f64) {
     let contact = &mut run.contacts[i];
     if contact.mode == Mode::Free && !contact.closed {

@@ -78,7 +78,6 @@ pub(crate) struct ContactEnd {
     pub y: States<f64>,
 }
 
-/// The result of work at events, or the end of the run there.
 pub(crate) type EventResult<T = ()> = Result<T, Box<ContactEnd>>;
 
 /// What happens to a run at its events, as numbers with derivatives follow it.

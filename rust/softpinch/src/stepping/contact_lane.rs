@@ -3,12 +3,12 @@
 //! The work of both step loops on these contacts comes after them.
 
 use crate::error::Result;
-use crate::formulation::{Contact, Evaluation, States, System};
+use crate::formulation::{Contact, Evaluation, Size, States, System};
 use crate::method::{Stats, Unsolved};
 use crate::model::{
     ContactRow, Geometry, Mode, Motion, Parameters, Scene, SegmentDrive, Slip, State, allowed_residuals,
 };
-use crate::number::{Bits, Instructions, Lanes};
+use crate::number::{Bits, Lanes};
 use crate::stepping::ending;
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::{
@@ -22,7 +22,6 @@ struct Segment {
 }
 
 pub struct LaneContact {
-    instructions: Instructions,
     pub run: ContactRun,
     steps: LoneSteps,
     limits: Limits<f64>,
@@ -53,12 +52,11 @@ pub struct Moment<'a> {
 
 impl LaneContact {
     /// Contacts that are restarted before they are used.
-    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
+    pub fn new(options: &Options, scene: &Scene) -> Self {
         let still = || Segment { anchor: 0.0, drive: SegmentDrive::still() };
         Self {
-            instructions,
             run: ContactRun::new([Contact::touching(); 2]),
-            steps: LoneSteps::new(instructions, options, scene),
+            steps: LoneSteps::new(options, scene),
             limits: Limits::new(&scene.parameters),
             segment: still(),
             earlier: still(),
@@ -87,7 +85,7 @@ impl LaneContact {
     /// The multipliers at the start of a run, in the modes that the inputs of `drive` choose there. The run itself
     /// chooses its modes when it begins.
     pub fn multipliers(options: &Options, scene: &Scene, drive: SegmentDrive, h: f64) -> Result<[f64; 4]> {
-        let mut contact = Self::new(options.simd.require()?, options, scene);
+        let mut contact = Self::new(options, scene);
         contact.restart(options, scene)?;
         let State { time, motion, .. } = &scene.initial;
         contact.enter(*time, drive);
@@ -114,7 +112,7 @@ impl LaneContact {
         at: &Moment<'_>,
         work: impl FnOnce(&mut EventStepper<'_>, &mut SegmentState) -> EventResult<T>,
     ) -> EventResult<T> {
-        let Self { instructions, run, steps: LoneSteps { system, method }, limits, .. } = self;
+        let Self { run, steps: LoneSteps { system, method }, limits, .. } = self;
         self.in_earlier = at.earlier;
         let Segment { anchor, drive } = if at.earlier { &mut self.earlier } else { &mut self.segment };
         run.anchor = *anchor;
@@ -123,8 +121,7 @@ impl LaneContact {
         method.forget_start();
         let mut place = SegmentState { tau: at.tau, y: *at.y };
         let Some(equations) = system.contact(drive) else { return Err(place.end(Reason::NoMode)) };
-        let (instructions, h) = (*instructions, at.h);
-        let mut stepper = EventStepper { instructions, system, equations, method, limits, run, drive, h };
+        let mut stepper = EventStepper { system, equations, method, limits, run, drive, h: at.h };
         work(&mut stepper, &mut place)
     }
 
@@ -288,13 +285,19 @@ impl<R: Lanes, P> LaneBatch<'_, R, P> {
         sum
     }
 
-    /// The contacts of the run in a lane in the form of results, in unilateral contact.
+    /// An instant of the run in a lane, as evaluated at the state `y`.
     #[inline(always)]
-    pub fn contact_row(&self, lane: usize) -> Option<ContactRow> {
-        if !self.unilateral {
-            return None;
-        }
-        self.runs[lane].as_ref()?.contact.as_ref().map(|contact| contact.row())
+    pub fn instant(
+        &self,
+        lane: usize,
+        size: Size,
+        (now, y): (&Evaluation<R>, &States<R>),
+        t: f64,
+        grid: (f64, u64),
+    ) -> Instant {
+        let run = self.runs[lane].as_ref().filter(|_| self.unilateral);
+        let contact = run.and_then(|run| run.contact.as_ref()).map(|contact| contact.row());
+        watched(size, (lane, contact), now, y, t, grid)
     }
 
     /// Lets `work` act on the contacts of the run in a lane, and notes what it changes; `None` if there are none.

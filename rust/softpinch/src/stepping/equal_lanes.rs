@@ -8,7 +8,6 @@ use crate::number::{Bits, Lanes, each, inlined};
 use crate::stepping::ending;
 use crate::stepping::{
     End, Grid, GridOf, Instant, LaneBatch, LaneController, LoopSystem, Phase, RowsInside, Segment, full, put,
-    watched,
 };
 
 pub struct Place {
@@ -218,8 +217,7 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
     #[inline(always)]
     pub fn now(&self, lane: usize, at: &Instants<'_, R>) -> Option<Instant> {
         let (t, grid) = self.batch.runs[lane].as_ref()?.place.now(self.clock);
-        let contact = self.batch.contact_row(lane);
-        let found = watched(at.system.size(), (lane, contact), at.now, at.y, t, grid);
+        let found = self.batch.instant(lane, at.system.size(), (at.now, at.y), t, grid);
         Some(Instant { linearized: self.in_use_last, ..found })
     }
 
@@ -238,8 +236,7 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
         // The instant of a sample is evaluated twice, first under the torques before it.
         let (t, grid) = if since_sample <= 1 { (start, (anchor, first)) } else { place.before(self.clock) };
         let (evaluation, y) = if since_sample == 0 { (at.now, at.y) } else { (at.before, at.y_before) };
-        let contact = self.batch.contact_row(lane);
-        let found = watched(at.system.size(), (lane, contact), evaluation, y, t, grid);
+        let found = self.batch.instant(lane, at.system.size(), (evaluation, y), t, grid);
         Some(Instant { linearized: self.in_use_last, before_sample: since_sample <= 1, ..found })
     }
 
@@ -329,7 +326,7 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
             }
             self.in_use = self.taken_at.filter(|_| method.jacobian_is_reusable());
         }
-        system.correct(drive, tau + self.h, after);
+        system.called().correct(drive, tau + self.h, after);
         if self.batch.next_time() < f64::INFINITY {
             self.inside.look_inside(&mut self.batch, self.clock, system.called(), (tau, y))?;
         }

@@ -2,10 +2,12 @@
 //! located on the method's own step, which is repeated with a shorter length, so that the method keeps its order across
 //! events.
 
-use crate::formulation::{ContactEquations, Evaluation, InputAt, SceneEquations, States, System, Terms};
+use crate::formulation::{
+    ContactEquations, Equations, Evaluation, InputAt, SceneEquations, States, System, Terms,
+};
 use crate::model::contact::Side;
 use crate::model::{Geometry, Input, Motion, SegmentDrive};
-use crate::number::{Instructions, LaneTask, Lanes, task};
+use crate::number::{LaneTask, Real, task};
 use crate::stepping::contact_events::CAUSES;
 use crate::stepping::lone_steps::LoneMethod;
 use crate::stepping::monitor::{Condition, Failure};
@@ -38,7 +40,6 @@ impl SegmentState {
 /// One run within a step.
 pub struct EventStepper<'a> {
     /// The instructions of the code that computes, which is called. The search itself only compares numbers.
-    pub instructions: Instructions,
     pub system: &'a SceneEquations<f64>,
     pub equations: ContactEquations<'a>,
     pub method: &'a mut LoneMethod,
@@ -62,11 +63,11 @@ impl EventStepper<'_> {
     }
 
     pub fn input(&self, tau: f64) -> Input<f64> {
-        f64::call(self.instructions, InputAt { drive: self.drive, tau })
+        f64::outlined(InputAt { drive: self.drive, tau })
     }
 
     pub fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {
-        f64::call(self.instructions, GeometryOf { sides: &self.equations.plant().sides, motion })
+        f64::outlined(GeometryOf { sides: &self.equations.plant().sides, motion })
     }
 
     pub fn terms_at(&self, tau: f64, y: &States<f64>) -> (Terms<f64>, Motion<f64>) {
@@ -92,7 +93,6 @@ impl EventStepper<'_> {
         }
     }
 
-    /// The energy of a motion, if the ledger is carried.
     pub fn energy(&self, motion: &Motion<f64>) -> f64 {
         if self.system.size().works == 0 {
             return 0.0;
@@ -227,7 +227,6 @@ impl EventStepper<'_> {
         Ok(self.value(from.tau + length, &y, event))
     }
 
-    /// The value of an event at a state: negative where the event is due.
     fn value(&self, tau: f64, y: &States<f64>, event: Event) -> f64 {
         let (terms, motion) = self.terms_at(tau, y);
         self.values(&terms, &motion).find(|&(other, _)| other == event).map_or(1.0, |(_, value)| value)

@@ -113,7 +113,6 @@ impl Span {
         Ok(Self { start, end })
     }
 
-    /// The end of the segment that begins at `from`.
     pub fn segment_end(&self, inputs: &Inputs, from: f64) -> f64 {
         inputs.next_breakpoint(from).min(self.end)
     }
@@ -126,7 +125,6 @@ pub struct Grid {
     span: Span,
     dt: f64,
     refine: u32,
-    /// The segment in which the run starts.
     pub first: Segment,
     pub segments: u64,
     pub steps: u64,
@@ -169,7 +167,6 @@ impl Grid {
         if total > MOST_STEPS { Err(too_many(total)) } else { Ok(grid) }
     }
 
-    /// The segment after this one; `None` after the last.
     pub fn after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
         self.cut_after(inputs, segment).map(|coarse| coarse.refined(self.refine))
     }

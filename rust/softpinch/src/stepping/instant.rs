@@ -1,6 +1,6 @@
 //! One instant of a run as step loops hand it on; reading it from one lane, and checking that all numbers are finite.
 
-use crate::formulation::{Evaluation, Size, States, System};
+use crate::formulation::{Evaluation, SceneEquations, Size, States};
 use crate::model::{BILATERAL_WORKS, ContactRow, Contacts, Energies, Linearized, Motion, State, WORKS, work};
 use crate::number::{Bits, Lanes, Real};
 
@@ -12,7 +12,6 @@ pub struct Instant {
     pub motion: Motion<f64>,
     pub multipliers: [f64; 4],
     pub residuals: [f64; 4],
-    /// Torques on the fingers, N m.
     pub torque: [f64; 2],
     pub contact: Option<ContactRow>,
     /// The works of the ledger; zeros if they are not carried.
@@ -77,7 +76,7 @@ pub fn watched<R: Lanes>(
 }
 
 pub(super) fn energies<R: Lanes>(
-    system: &impl System<R>,
+    system: &SceneEquations<R>,
     Instant { motion, contact, .. }: &Instant,
 ) -> Energies {
     let motion = Motion::constant(motion);
@@ -138,7 +137,6 @@ fn each_finite<R: Lanes>(now: &Evaluation<R>, closure: R) -> Bits {
     bits
 }
 
-/// The numbers of one lane.
 #[inline(always)]
 pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
     let mut column = [0.0; N];
@@ -160,7 +158,6 @@ pub fn put_motion<R: Lanes>(motion: &mut Motion<R>, lane: usize, own: &Motion<f6
     put(&mut motion.relaxation, lane, &own.relaxation);
 }
 
-/// Sets the numbers of one lane.
 #[inline(always)]
 pub fn put<R: Lanes, const N: usize>(y: &mut [R; N], lane: usize, column: &[f64; N]) {
     for n in 0..N {

@@ -7,7 +7,7 @@ use std::mem::take;
 use crate::formulation::{MAX_COMPONENTS, SceneEquations, States, System};
 use crate::method::{AnyMethod, Stats, Step, StepResult, Unsolved};
 use crate::model::{Contacts, Scene, SegmentDrive};
-use crate::number::{Instructions, Lanes};
+use crate::number::Lanes;
 use crate::stepping::equal_lanes::Place;
 use crate::stepping::{Instant, LaneBatch, Moment, Options, column, round_off, watched};
 
@@ -69,9 +69,9 @@ pub struct LoneSteps {
 }
 
 impl LoneSteps {
-    pub fn new(instructions: Instructions, options: &Options, scene: &Scene) -> Self {
+    pub fn new(options: &Options, scene: &Scene) -> Self {
         let make = options.method.entry().alone;
-        let (system, method) = options.runs(instructions, scene).with_method(make);
+        let (system, method) = options.runs(scene).with_method(make);
         Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }
     }
 }
@@ -122,8 +122,8 @@ impl RowsInside {
                 if let Some(controller) = &run.controller {
                     drive.hold(controller.held());
                 }
-                let how = (batch.instructions, batch.options);
-                let new = || Box::new(LoneSteps::new(how.0, how.1, &run.scene));
+                let options = batch.options;
+                let new = || Box::new(LoneSteps::new(options, &run.scene));
                 let steps = self.steps.get_or_insert_with(new);
                 let LoneSteps { system: alone, method } = &mut **steps;
                 let next = if length > 0.0 { method.step(alone, &drive, (tau, &y), length)? } else { y };
@@ -162,7 +162,7 @@ mod tests {
         for (name, method) in METHODS {
             for contact in [ContactModel::Bilateral, ContactModel::Unilateral] {
                 let options = Options { method, contact, ..Options::default() };
-                let steps = || LoneSteps::new(options.simd.require().unwrap(), &options, &scene);
+                let steps = || LoneSteps::new(&options, &scene);
                 let mut repeated = steps();
                 let mut y = repeated.system.begin(&motion);
                 for start in 1..=2 {

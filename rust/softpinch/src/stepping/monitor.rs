@@ -98,7 +98,6 @@ pub(super) enum Failure {
 
 pub(super) struct Condition<R> {
     pub(super) failure: Failure,
-    /// The lanes that have this condition.
     pub(super) lanes: Bits,
     /// The condition fails where its value is less than `least`, which is zero for events.
     pub(super) value: R,

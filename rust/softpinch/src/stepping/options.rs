@@ -3,7 +3,7 @@
 use crate::formulation::{Choice, Formulation};
 use crate::method::{Method, Runs};
 use crate::model::{ContactModel, Inputs, Scene, Stabilization, fastest_rate};
-use crate::number::{Instructions, Level, MOST};
+use crate::number::{Level, MOST};
 use crate::stepping::{Recordable, STOP_ON, Selection, Summary, ViolationSet, Wanted};
 
 /// The length of the steps.
@@ -90,12 +90,11 @@ impl Options {
         limit / if self.formulation == Formulation::Csm { rate.max(alpha).max(beta) } else { rate }
     }
 
-    pub(crate) fn runs<'a>(&'a self, instructions: Instructions, scene: &'a Scene) -> Runs<'a> {
+    pub(crate) fn runs<'a>(&'a self, scene: &'a Scene) -> Runs<'a> {
         let (choice, parameters) = (self.choice(&scene.inputs), [&scene.parameters; MOST]);
-        Runs { instructions, choice, parameters, gains: &self.stabilization }
+        Runs { choice, parameters, gains: &self.stabilization }
     }
 
-    /// The choice of equations for a scene with these inputs.
     pub(crate) fn choice(&self, inputs: &Inputs) -> Choice {
         let Self { formulation, contact, .. } = *self;
         let (fingers, moves) = (inputs.fingers(), inputs.moves());

@@ -23,7 +23,6 @@ pub enum Phase {
     /// a set that lasts for one evaluation.
     Event,
     Step,
-    /// It has arrived at its end.
     End,
 }
 

@@ -157,7 +157,6 @@ impl Recording {
         if rows + 1 < times.capacity() { Ok(()) } else { self.reserve(2 * rows as u64 + 64) }
     }
 
-    /// Makes room for `rows` rows in all.
     fn reserve(&mut self, rows: u64) -> Result {
         let needed = rows as f64 * self.widths.iter().sum::<usize>() as f64;
         let (what, advice) = ("the recording, in numbers,", "raise every= or record less");

@@ -5,7 +5,6 @@ use crate::model::{Energies, Mode};
 use crate::stepping::intervals::{Intervals, of_changes};
 use crate::stepping::{Change, Instant, Recording, Run, Status, VIOLATIONS, Violation, arrival};
 
-/// The instants that are recorded.
 #[derive(Default)]
 pub enum Due<'a> {
     #[default]

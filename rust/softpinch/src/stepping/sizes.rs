@@ -69,7 +69,6 @@ impl<R: Lanes> Sizes<R> {
         }
     }
 
-    /// The magnitude of rates, as a share of the states' magnitudes.
     #[inline(always)]
     fn share(&self, size: Size, rate: &States<R>) -> R {
         R::constant(self.allowed.tolerance) * largest(size, rate, &self.allowed.weights)

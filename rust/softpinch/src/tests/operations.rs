@@ -27,7 +27,6 @@ use crate::model::parameters::{
 use crate::model::piecewise::PiecewisePolynomial;
 use crate::model::start::contact;
 use crate::number::real::Real;
-use crate::number::simd::level::{Instructions, Level};
 use crate::stepping::instant::all_finite;
 use crate::stepping::monitor::Limits;
 
@@ -64,10 +63,6 @@ struct Start {
     drive: SegmentDrive<Counted>,
     tau: Counted,
     y: States<Counted>,
-}
-
-fn instructions() -> Instructions {
-    Level::detect().require().expect("the tests run on a processor that the core serves")
 }
 
 /// Two different fingers, tips and controllers.
@@ -108,7 +103,7 @@ impl Case {
     fn start(&self) -> Start {
         let parameters = parameters(if self.friction { 0.5 } else { f64::INFINITY });
         let stabilization = Stabilization { alpha: 1000.0, beta: 900.0 };
-        let system = SceneEquations::new(instructions(), self.choice, &parameters, &stabilization);
+        let system = SceneEquations::new(self.choice, &parameters, &stabilization);
         let sine = |k: usize| Sinusoid {
             start: 0.0,
             end: 1.0,
@@ -336,7 +331,7 @@ fn counted_numbers_have_the_values_of_plain_numbers() {
     let Start { parameters, system, drive, tau, y } = case.start();
     let counted = system.evaluate(&drive, tau, &y);
     let stabilization = Stabilization { alpha: 1000.0, beta: 900.0 };
-    let plain = SceneEquations::<f64>::new(instructions(), case.choice, &parameters, &stabilization);
+    let plain = SceneEquations::<f64>::new(case.choice, &parameters, &stabilization);
     let (schedule, force) = (polynomials(0, 0.1), polynomials(0, 0.2));
     let inputs = Inputs::new(schedule.into(), vec![force.into()], vec![], vec![], vec![]).expect("valid");
     let alone = plain.evaluate(&inputs.segment(0.0), 0.0, &y.map(Counted::value));

@@ -32,7 +32,6 @@ use crate::model::scene::Scene;
 use crate::model::start::{State, consistent};
 use crate::number::lanes::MOST;
 use crate::number::real::signed;
-use crate::number::simd::level::Level;
 use crate::stepping::ending::Status;
 use crate::stepping::options::{Options, Steps};
 use crate::stepping::record::Run;
@@ -528,9 +527,8 @@ proptest! {
         for formulation in [Formulation::Csm, Formulation::Nullspace] {
             let gains = Stabilization { alpha: 300.0, beta: 200.0 };
             let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers: Fingers::Pid, moves: false, ledger: false };
-            let instructions = Level::detect().require().unwrap();
-            let system = SceneEquations::<f64>::new(instructions, choice, &hand, &gains);
-            let tangent = Tangent::<f64>::new(instructions, choice, &[&hand; MOST], &gains);
+            let system = SceneEquations::<f64>::new(choice, &hand, &gains);
+            let tangent = Tangent::<f64>::new(choice, &[&hand; MOST], &gains);
             let y = system.begin(&Motion { q, p, memory: [1e-3, -1e-3], ..Motion::zero() });
             let found = tangent.jacobian(&drive, 0.0, &y).rows;
             let states = system.size().states;

@@ -26,18 +26,6 @@ pub const LEVELS: [(&str, Level); 1] = [("native", Level::Native)];
 /// The environment variable that selects a level.
 pub const VARIABLE: &str = "SOFTPINCH_SIMD";
 
-/// Proof that the processor has some level, which is all that the code of a single run needs. Code on vectors has its
-/// proof in their type (`x86.rs`). Only [`Level::require`] makes one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Instructions(());
-
-impl Instructions {
-    /// The proof for this processor, if it has a level. The lowest level is part of every other one.
-    pub(crate) fn here() -> Option<Self> {
-        LEVELS[0].1.require().ok()
-    }
-}
-
 impl Level {
     /// The best level that this processor has. If it has none, the lowest one, which [`Level::require`] refuses.
     pub fn detect() -> Self {
@@ -78,8 +66,8 @@ impl Level {
         }
     }
 
-    /// Proves that this processor has the instructions of the level. Otherwise the error names the level.
-    pub fn require(self) -> Result<Instructions> {
-        if self.is_available() { Ok(Instructions(())) } else { Err(Error::Processor { level: self.name() }) }
+    /// Refuses a level whose instructions this processor lacks.
+    pub fn require(self) -> Result {
+        if self.is_available() { Ok(()) } else { Err(Error::Processor { level: self.name() }) }
     }
 }

@@ -3,7 +3,7 @@
 //! Safety: these types have no name outside of the SIMD module, so that only code which
 //! [`dispatch`](super::dispatch) has made generic over them can make a value or call a task of them. It runs such code
 //! only after [`Level::require`](super::level::Level::require) has found the instructions of the very type. The type
-//! itself is the proof for vectors; [`Instructions`](super::level::Instructions) is the proof for a single run, which needs any level.
+//! itself is the proof. The code of a single run, whose numbers prove nothing, checks for the lowest level at each call.
 
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
