@@ -25,6 +25,7 @@ ROOMS = (
         "study",
         "store",
         "montecarlo",
+        "rare",
         "fitting",
     ),
     "simulator",

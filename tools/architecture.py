@@ -21,6 +21,7 @@ ROOMS = (
     ("study/", "StudySpec, distributions, draws, executor, results"),
     ("store/", "a study in a folder: parts, manifest, lock"),
     ("montecarlo", "monte_carlo, over study/ and store/"),
+    ("rare", "rare_event, over study/ and store/"),
     ("fitting/", "numbers of a scene from measured motions"),
     ("simulator/", "stepping from outside, tasks for learning"),
     ("accuracy/", "reference, stability, work-precision, advise"),

@@ -434,7 +434,7 @@ MUTANTS = (
     ),
     Mutant(
         "model/sampled.rs",
-        "first = first.min(block.first_after(origin, acts, t));",
+        "first = first.min(block.first_after(origin, acts.0, t));",
         "let _ = (acts, &mut first);",
         "test_sampled",
     ),

@@ -32,13 +32,14 @@ _LAZY = {
     ),
     "fitting": ("Fit", "LawFit", "fit", "fit_law"),
     "montecarlo": ("monte_carlo",),
+    "rare": ("RareEvent", "rare_event"),
     "simulator": ("Observation", "Observations", "Simulator", "VectorSimulator"),
     "store": ("Study",),
     "study": (
         *("Capsule", "Choice", "Comparison", "Discretisation", "Distribution", "Effect"),
         *("Ensemble", "Estimate", "Gradients", "Level", "LogNormal", "LogUniform"),
-        *("Lost", "Mean", "Normal", "RareEvent", "Results", "TruncatedNormal"),
-        *("Uniform", "compare", "rare_event", "sensitivity"),
+        *("Lost", "Mean", "Normal", "Results", "TruncatedNormal"),
+        *("Uniform", "compare", "sensitivity"),
     ),
 }
 
@@ -60,6 +61,8 @@ if TYPE_CHECKING:
     from .analysis import *
     from .fitting import *
     from .montecarlo import monte_carlo as monte_carlo
+    from .rare import RareEvent as RareEvent
+    from .rare import rare_event as rare_event
     from .simulator import *
     from .store import *
     from .study import *

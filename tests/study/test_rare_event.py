@@ -413,7 +413,7 @@ def test_most_runs_may_be_infinitely_far(method: Any) -> None:
 @pytest.fixture
 def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The numbers of runs that are computed, call by call."""
-    from softpinch.study import rare
+    from softpinch import rare
 
     calls: list[int] = []
     original = rare.on_threads

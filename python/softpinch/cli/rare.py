@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from .. import plot
+from ..rare import rare_event
 from ..run.options import Options, in_place
 from ..study import study_file
-from ..study.rare import rare_event
 from ..study.spec import RUN_OPTIONS
 from ..support import checks, toml
 from ..support.extras import require

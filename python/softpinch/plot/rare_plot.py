@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..rare import RareEvent
 from ..scene.fields import label
-from ..study.rare import RareEvent
 from ..study.tables import drawn_by_magnitude, number, shown
 from ..support import checks
 from . import style as s

@@ -19,7 +19,6 @@ from .effects import Effect, sensitivity
 from .engine import Lost
 from .estimates import Discretisation, Estimate, Mean
 from .gradients import Gradients
-from .rare import RareEvent, rare_event
 from .results import Ensemble, Results
 from .subset import Level
 
@@ -39,11 +38,9 @@ __all__ = [
     "Lost",
     "Mean",
     "Normal",
-    "RareEvent",
     "Results",
     "TruncatedNormal",
     "Uniform",
     "compare",
-    "rare_event",
     "sensitivity",
 ]

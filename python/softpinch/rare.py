@@ -12,28 +12,28 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from .. import _core
-from ..run.options import Options, names
-from ..scene import usual
-from ..scene.control import SampledController
-from ..scene.disturbance import Noise, Sampled
-from ..scene.scene import Scene, State
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.choices import Summary
-from ..support.errors import StabilityWarning, StoreError, warn
-from ..support.extras import require
-from ..support.progress import Report, reporting
-from ..support.result import Result, same
-from .capsule import Capsule
-from .distributions import LogNormal, Normal
-from .engine import how_many_threads, on_threads
-from .estimates import number_or_array
-from .results import Ensemble
-from .rows import Rows
-from .sources import Key
-from .spec import SUMMARIES, StudySpec
-from .subset import Found, Level, estimate
+from . import _core
+from .run.options import Options, names
+from .scene import usual
+from .scene.control import SampledController
+from .scene.disturbance import Noise, Sampled
+from .scene.scene import Scene, State
+from .study.capsule import Capsule
+from .study.distributions import LogNormal, Normal
+from .study.engine import how_many_threads, on_threads
+from .study.estimates import number_or_array
+from .study.results import Ensemble
+from .study.rows import Rows
+from .study.sources import Key
+from .study.spec import SUMMARIES, StudySpec
+from .study.subset import Found, Level, estimate
+from .support import checks
+from .support.arrays import Floats
+from .support.choices import Summary
+from .support.errors import StabilityWarning, StoreError, warn
+from .support.extras import require
+from .support.progress import Report, reporting
+from .support.result import Result, same
 
 RareMethod: TypeAlias = Literal["auto", "subset", "splitting", "importance"]
 Event: TypeAlias = str | tuple[str, str, float] | Callable[[Ensemble], Any]
@@ -306,7 +306,7 @@ class _Runner:
         if store is None:
             yield
             return
-        from ..store import files, folder, manifest  # need this package
+        from .store import files, folder, manifest  # need this package
 
         path = Path(checks.path("store", store, "the path of a folder"))
         files.arrow()
