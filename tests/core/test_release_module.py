@@ -27,7 +27,8 @@ LIMITS = {
     "calls of fma": 2_080,
     # Calls of functions that add or multiply lanes once, where the lanes' instructions were lost.
     "calls of one lane operation": 0,
-    "largest frame, KB": 129.0,
+    # 128 KiB, in whole pages.
+    "largest frame, KB": 131.1,
     "size, MB": 6.1,
 }
 # The fma of Rust's library where the processor has the instruction.
