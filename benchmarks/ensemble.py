@@ -207,7 +207,7 @@ def _table(
     Returns how many times ours is as fast as the best peer, nan without one.
     """
     there = [(r, f) for r, f in zip(racers, found, strict=True) if f.setting is not None]
-    # On a few probes the fixed cost of our calls is most of their time, so ours are compared with ours.
+    # On a few probes most of our time is the fixed cost of a call: ours are compared with ours.
     fastest = {
         ours: min((f.time for r, f in there if r.ours is ours), default=0.0)
         for ours in (True, False)
