@@ -103,11 +103,8 @@ def evaluate(
         scene: The physics, with bilateral contact; the scene's start is not used.
         t: Time on the clock of schedule and disturbances, s. At a jump of an input, the value after
             the jump is used.
-        q: Coordinates (9,), m and rad.
-        p: Rates of the coordinates (9,), m/s and rad/s.
-        integral: Integrals of the angle errors in (39), (2,), rad s.
-        formulation: The formulation that gives the multipliers and accelerations.
-        stabilization: The gains of (19) and (20), for formulation "csm".
+        q, p, integral: As of `State`, (9,), (9,) and (2,).
+        formulation, stabilization: As for `simulate`; of multipliers and accelerations.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)
