@@ -122,9 +122,8 @@ class Advice(Result):
         confirmed: Difference at the end (if a violation ends the run, a step earlier) from a run by
             another method with adaptive steps at a smaller tolerance, the largest of q, p and
             lambda. The tolerance is met only if this difference is within it.
-        equal: The quickest pair with equal steps; or the one given up with the least predicted
-            time; or None.
-        adaptive: The quickest pair with adaptive steps, likewise.
+        equal, adaptive: The quickest pair with equal and that with adaptive steps; or the one given
+            up with the least predicted time; or None.
         tried: Length of the part of the scene, from its start, on which the pairs were tried, s.
         untried: The pairs that the budget did not allow to try, such as "csm rk4, dt".
         stabilization: The gains with which "csm" was tried.

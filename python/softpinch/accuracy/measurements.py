@@ -217,9 +217,8 @@ class StabilizationSweep(Result):
         status: Status of each run (k,).
         holonomic: Largest |C^H| along each run (k,), m; inf if the run did not complete.
         nonholonomic: Largest |C^N| along each run (k,), m/s; inf if the run did not complete.
-        error: Largest error of q and p along each run (k,), each component divided by its largest
-            magnitude; inf if the run did not complete.
-        multipliers: Largest error of lambda along each run (k,), scaled likewise.
+        error, multipliers: Largest error of q and p, and of lambda, along each run (k,), each
+            component divided by its largest magnitude; inf if the run did not complete.
         without: The four results of a run with "nullspace", or with "projected" in unilateral
             contact, which have no gains: "holonomic", "nonholonomic", "q and p", "multipliers".
     """

@@ -1,7 +1,4 @@
-"""Linearisations of the motion, and `max_stable_dt`: the longest stable step.
-
-The step is predicted from eigenvalues along an accurate run, and measured by trial runs.
-"""
+"""Linearisations of the motion, and `max_stable_dt`: the longest stable step."""
 
 from __future__ import annotations
 

@@ -50,9 +50,7 @@ class StabilityMap(Result):
         label: Axis label for figures.
         unit: Unit of `values`; "1" if they have none.
         scale: Spacing of the axis in figures: "linear", "log", "logit" or "right_angle".
-        values: Values on the axis (v,), increasing.
-        dt: Steps (d,), s, increasing.
-        pairs: (formulation, method) of each pair.
+        values, dt, pairs: As of `stability_map`; dt (d,), s.
         status: Status of each run (pairs, v, d); "not_run" if it would have taken more than
             `max_steps` steps.
         error: Error of each run at the end (pairs, v, d), the larger of q and p, each component

@@ -1,7 +1,4 @@
-"""One measured motion: its scene, the data, and a simulation of them.
-
-What can be measured along a run has a name: single columns, and groups of columns.
-"""
+"""One measured motion: the names of what can be measured, scene, data, and their simulation."""
 
 import math
 from collections.abc import Mapping

@@ -1,7 +1,4 @@
-"""`Fit`, the result of `fit`: values, errors, and what the data leave open.
-
-`uncertainty` linearises the problem at the minimum.
-"""
+"""`Fit`, the result of `fit`: values, errors, and what the data leave open."""
 
 from __future__ import annotations
 

@@ -243,7 +243,6 @@ class TimedMotion(HandMotion):
     tilts: float | Floats = 0.0
 
     def __post_init__(self) -> None:
-        """Checks times and tilts, then what a kind has of its own, then the polynomials."""
         self._check(checks.times, "times")
         if self.tilts is None:
             self._set("tilts", 0.0)
