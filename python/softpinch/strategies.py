@@ -9,8 +9,8 @@
         sp.simulate(scene).check(residual=1e-3, closure=1e-2)
 
 Examples shrink towards the default `Scene()`. Parameters are the default values times 10**u with
-|u| <= `spread`, so `spread` is in decades. Most drawn times, s, lie within the `duration` of the
-scene. The repr of an example shows only changed values.
+|u| <= `spread`, so `spread` is in decades. Most drawn times lie within the scene's `duration`, s.
+The repr of an example shows only changed values.
 """
 
 from __future__ import annotations
@@ -112,7 +112,6 @@ def fingertips(
     """Fingertips with independently drawn parameters.
 
     Args:
-        spread: Largest |u|.
         tilt_couplings: Possible values of kappa; examples shrink to the first.
         own_masses: Whether a tip may have its own masses instead of the object's.
     """
@@ -185,7 +184,6 @@ def schedules(
     """Schedules around 6 degrees for both fingers; examples shrink to constant 6 degrees.
 
     Args:
-        duration: Duration of the scene, s.
         largest_change: Largest difference of an angle from 6 degrees, rad.
         kinds: Possible kinds, out of `schedule.KINDS`.
         knots: Largest number of scheduled times.
@@ -212,10 +210,9 @@ def disturbances(
     moment: float = 0.01,
     kinds: Sequence[str] = tuple(DISTURBANCES),
 ) -> Disturbance:
-    """Disturbances; examples shrink to a step of zero force at t = 0.
+    """Disturbances that begin within `duration`; examples shrink to a step of zero force at t = 0.
 
     Args:
-        duration: Duration of the scene, s; each disturbance begins within it.
         force, moment: Largest component of a force, N, and largest moment, N m; for noise standard
             deviations. Impulses are at most these times a 64th of the duration.
         kinds: Possible kinds, which are names in `disturbance.DISTURBANCES`.
@@ -268,7 +265,6 @@ def motions(
     """Motions of the hand; examples shrink to one that stays at the origin.
 
     Args:
-        duration: Duration of the scene, s.
         acceleration: Largest component of an acceleration, m/s^2; where the hand turns, that at
             0.1 m from its origin, if it turned from rest.
         kinds: Possible kinds, which are names in `motion.MOTIONS`.
@@ -298,12 +294,6 @@ def motions(
     return getattr(HandMotion, kind)(times, points, **more)  # type: ignore[no-any-return]
 
 
-def _fitted(finger: Finger, tip: Fingertip, grasped: GraspedObject, angle: float) -> Finger:
-    """Moves the finger's root so that at this angle its tip just touches the upright object."""
-    across = outline.inward(finger, angle)
-    return replace(finger, root_offset=across + tip.radius + 0.5 * grasped.width)
-
-
 @st.composite
 def scenes(
     draw: DrawFn,
@@ -323,8 +313,6 @@ def scenes(
     The grasp may be lost during the run; with the default arguments most grasps hold.
 
     Args:
-        spread: Largest |u| of all parameters.
-        duration: Duration of the run, s.
         symmetric: Whether hand, control, object and target angles are mirror-symmetric.
         most_disturbances: Largest number of disturbances.
         force, moment: As in `disturbances`.
@@ -353,8 +341,9 @@ def scenes(
             angle = draw(_within(0.3 * min(1.0, reach / finger.length)))
         elif deepest:
             press = tip.radius * draw(_between(0.0, deepest))
-        near = _fitted(finger, tip, grasped, angle)
-        fitted.append(replace(near, root_offset=near.root_offset - press))
+        # At this angle the tip just touches the upright object, or presses on it.
+        touching = outline.inward(finger, angle) + tip.radius + 0.5 * grasped.width
+        fitted.append(replace(finger, root_offset=touching - press))
         begun.append(angle)
     schedule = draw(schedules(duration, largest_change, ("minimum_jerk",) if driven else KINDS))
     if driven:
@@ -450,8 +439,7 @@ def consistent_states(
 
     Args:
         scene: The scene whose geometry is used.
-        compression: Largest d_n, as a share of the tip's radius.
-        shear: Largest |d_t|, as a share of the tip's radius.
+        compression, shear: Largest d_n and largest |d_t|, as shares of the tip's radius.
         rotation: Largest |theta|, rad.
         offset: Largest distance of the object from its start in the scene, in each of x and y, as
             a share of the smaller tip's radius.

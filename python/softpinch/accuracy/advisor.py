@@ -111,8 +111,7 @@ class Advice(Result):
         tolerance: The required accuracy.
         met: Whether the advised settings meet the tolerance. If no pair met it, they are those of
             the run with which the trials were compared, and the errors are inf.
-        formulation: How the constraints are kept.
-        method: How time is stepped.
+        formulation, method: As of `simulate`.
         dt: The longest of equal steps, s; None if adaptive steps are advised.
         step_tolerance: The tolerance of adaptive steps; None if equal steps are advised.
         error: "q", "p", "multipliers" -> error, the largest along the run, each component divided
@@ -123,9 +122,8 @@ class Advice(Result):
         confirmed: Difference at the end (if a violation ends the run, a step earlier) from a run by
             another method with adaptive steps at a smaller tolerance, the largest of q, p and
             lambda. The tolerance is met only if this difference is within it.
-        equal: The quickest pair with equal steps; or the one given up with the least predicted
-            time; or None.
-        adaptive: The quickest pair with adaptive steps, likewise.
+        equal, adaptive: The quickest pair with equal and that with adaptive steps; or the one given
+            up with the least predicted time; or None.
         tried: Length of the part of the scene, from its start, on which the pairs were tried, s.
         untried: The pairs that the budget did not allow to try, such as "csm rk4, dt".
         stabilization: The gains with which "csm" was tried.
@@ -207,9 +205,8 @@ def advise(
             of 1e-8, its beginning up to there is tried; `Advice.tried` says how long that is.
         tolerance: The largest accepted error of q, p and lambda along the run, each component
             divided by its largest magnitude; from 1e-11 to 0.1.
-        formulations: Formulations to try; None tries all that the scene allows, which are "csm" and
-            "projected" in unilateral contact, and "csm" alone for a start off the constraints.
-        methods: Methods to try.
+        formulations, methods: What to try; None tries all formulations that the scene allows, "csm"
+            and "projected" in unilateral contact, "csm" alone for a start off the constraints.
         stabilization: As for `simulate`.
         budget: Time for the search, s; infinity tries everything. `Advice.untried` and the message
             have the pairs that it does not allow to try.

@@ -36,8 +36,7 @@ class Measurement(Result):
 
     Attributes:
         solver: Formulation and method, such as "nullspace rk4"; or the name of a `Peer`.
-        formulation: How the constraints are kept; "" for a peer.
-        method: How time is stepped; "" for a peer.
+        formulation, method: As of `simulate`; "" for a peer.
         setting: "dt", "tolerance", or the name of a peer's setting.
         value: Value of the setting; dt in s.
         status: How the run ended; "not_run" if it would have taken too long.
@@ -47,14 +46,11 @@ class Measurement(Result):
             inputs.
         at_switches: Likewise, at the switches and in the first hundredth of the time from each
             switch to the next; empty without switches.
-        holonomic: Largest |C^H|, m.
-        nonholonomic: Largest |C^N|, m/s.
+        holonomic, nonholonomic: Largest |C^H|, m, and |C^N|, m/s.
         closure: Largest error of the energy ledger, as a share of the exchanged energy.
         time: CPU time of a run that keeps only its end, after a warm-up, s: the median.
         quartiles: First and third quartile of these times, s.
-        evaluations: Number of evaluations of the right-hand side.
-        factorisations: Number of matrix factorisations.
-        steps: Number of steps.
+        evaluations, factorisations, steps: As in `Run.stats`.
         order: Observed order of convergence of `along`, from the next longer step; nan if there is
             none, or a run failed. It exceeds the method's order if that step is too long.
         expected_order: The method's order; 0 for adaptive steps and peers.
@@ -208,8 +204,7 @@ class WorkPrecision(Result):
     def to_pandas(self) -> DataFrame:
         """The rows as a pandas DataFrame; needs the extra `study`."""
         pandas = require("pandas", extra="study", purpose="to_pandas")
-        frame: DataFrame = pandas.DataFrame(self.to_dict())
-        return frame
+        return pandas.DataFrame(self.to_dict())  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -217,15 +212,13 @@ class StabilizationSweep(Result):
     """Effect of the gains of (19, 20) at one step: constraint drift, and error of the motion.
 
     Attributes:
-        dt: The step, s.
-        method: How time is stepped.
+        dt, method: The step, s, and how time is stepped.
         product: Gain times step, alpha dt = beta dt, (k,).
         status: Status of each run (k,).
         holonomic: Largest |C^H| along each run (k,), m; inf if the run did not complete.
         nonholonomic: Largest |C^N| along each run (k,), m/s; inf if the run did not complete.
-        error: Largest error of q and p along each run (k,), each component divided by its largest
-            magnitude; inf if the run did not complete.
-        multipliers: Largest error of lambda along each run (k,), scaled likewise.
+        error, multipliers: Largest error of q and p, and of lambda, along each run (k,), each
+            component divided by its largest magnitude; inf if the run did not complete.
         without: The four results of a run with "nullspace", or with "projected" in unilateral
             contact, which have no gains: "holonomic", "nonholonomic", "q and p", "multipliers".
     """

@@ -19,17 +19,15 @@ from ..scene.scene import Scene
 from ..support import checks
 
 STATES = 14
-_TIP = (
-    *("radius", "youngs_modulus", "normal_viscosity", "tangential_viscosity"),
-    *("tilt_coupling", "normal_mass", "tangential_mass"),
-)
 
 
 def _of(side: str) -> tuple[str, ...]:
     finger = ("length", "root_offset", "half_thickness", "mass", "inertia")
+    tip: tuple[str, ...] = ("radius", "youngs_modulus", "normal_viscosity", "tangential_viscosity")
+    tip += ("tilt_coupling", "normal_mass", "tangential_mass")
     return (
         *(f"hand.{side}.{name}" for name in finger),
-        *(f"hand.tip.{side}.{name}" for name in _TIP),
+        *(f"hand.tip.{side}.{name}" for name in tip),
         *(f"control.{side}.{name}" for name in ("kp", "kd", "ki")),
     )
 
@@ -73,8 +71,7 @@ def right_hand_side(
     """The equations of motion in terms of a sine, a cosine, sums, products and quotients.
 
     Args:
-        sin: The sine of one number of the states' type.
-        cos: The cosine likewise.
+        sin, cos: The sine and the cosine of one number of the states' type.
         compiled: A decorator for each function, such as `numba.njit`.
     """
     for name, function in (("sin", sin), ("cos", cos), ("compiled", compiled)):

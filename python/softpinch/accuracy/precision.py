@@ -75,8 +75,7 @@ def work_precision(
     Args:
         scene: The scene to simulate. The reference ignores violations, so a run that a violation
             ends counts as failed.
-        formulations: Formulations to measure; None measures all that the scene's contact allows.
-        methods: Methods to measure.
+        formulations, methods: What to measure; None is all formulations that the contact allows.
         dt: Longest steps, s, (k,); None takes eleven, each half of the one before, starting at 16
             times the mean step that a stiff method takes at tolerance 1e-6.
         tolerances: Tolerances for the methods with adaptive steps, (k,); None takes 1e-2 to 1e-11;
@@ -162,9 +161,7 @@ def stabilization_sweep(
     same reference as in `work_precision`. Drift is that of the constraints that contacts hold.
 
     Args:
-        scene: The scene to simulate.
-        dt: The longest step, s.
-        method: How time is stepped.
+        scene, dt, method: As for `simulate`.
         products: Values of alpha dt = beta dt, (k,); None takes 33 from 1e-4 to 10, by equal
             factors.
 
@@ -258,7 +255,6 @@ def _sampled(request: Request, switches: Floats) -> tuple[_Sampled, float]:
 
 
 def _row(request: Request) -> Measurement:
-    """The measurement of a run that was not computed."""
     options = request.options
     equal = options.dt is not None
     return Measurement(
@@ -285,7 +281,6 @@ def sampled_rows(run: Run, switches: Floats, count: int = _ROWS) -> NDArray[np.i
 
 
 def _reference(scene: Scene, runs: Sequence[_Sampled]) -> Reference:
-    """The reference at the rows of the runs, and at the end."""
     end = float(scene.start().time + scene.duration)
     return of_any_contact(scene, np.unique(np.concatenate([*(run.t for run in runs), [end]])))
 
@@ -332,7 +327,6 @@ def _with_order(row: Measurement, longer: Measurement) -> Measurement:
 
 
 def _summarized(times: Sequence[float]) -> dict[str, Any]:
-    """The fields `time` and `quartiles` of a `Measurement`."""
     low, high = np.quantile(times, [0.25, 0.75])
     return {"time": statistics.median(times), "quartiles": (float(low), float(high))}
 

@@ -194,7 +194,6 @@ def of_any_contact(scene: Scene, times: ArrayLike) -> Reference:
 
 
 def _compared(first: Reference, second: Reference, evaluations: int) -> Reference:
-    """The first solution with its difference to the second one."""
     method = f"{first.method}, confirmed by {second.method}"
     errors = scaled_error.largest(second, first, first.scales)
     return replace(first, method=method, evaluations=evaluations, own_error=errors)

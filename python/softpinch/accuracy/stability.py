@@ -1,7 +1,4 @@
-"""Linearisations of the motion, and `max_stable_dt`: the longest stable step.
-
-The step is predicted from eigenvalues along an accurate run, and measured by trial runs.
-"""
+"""Linearisations of the motion, and `max_stable_dt`: the longest stable step."""
 
 from __future__ import annotations
 
@@ -141,9 +138,7 @@ def modes(
         scene: The scene with parameters and inputs.
         t: Instants (n,), on the clock of schedule and disturbances, s. At a jump of an input, its
             value after the jump counts.
-        q: Coordinates (n, 9), m and rad.
-        p: Velocities (n, 9), m/s and rad/s.
-        integral: PID integrals (n, 2), rad s.
+        q, p, integral: As of `Run`, (n, 9), (n, 9) and (n, 2).
         contacts: The contacts (n, 4) in unilateral contact, in whose modes the motion goes on:
             `run.state(k).contact` of each row.
         formulation: The formulation whose states are used; in unilateral contact not "nullspace".
@@ -186,8 +181,7 @@ class StableStep(Result):
     """The longest stable step for a scene, a formulation and a method.
 
     Attributes:
-        method: How time is stepped.
-        formulation: How the constraints are kept.
+        method, formulation: As for `simulate`.
         predicted: Longest step by the eigenvalues along the run and the method's stability region,
             s; inf for a method that is stable for every step.
         t: The instant whose eigenvalues allow the shortest step, s.

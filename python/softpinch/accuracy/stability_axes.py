@@ -180,7 +180,6 @@ def _begin(scene: Scene) -> float:
 
 
 def _of_tips(*names: str) -> Callable[[Scene, float], Scene]:
-    """A function that sets parameters of both fingertips."""
     paths = [f"hand.tip.{side}.{name}" for side in SIDES for name in names]
     return lambda scene, value: scene.with_(dict.fromkeys(paths, value))
 

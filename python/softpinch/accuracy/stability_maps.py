@@ -50,9 +50,7 @@ class StabilityMap(Result):
         label: Axis label for figures.
         unit: Unit of `values`; "1" if they have none.
         scale: Spacing of the axis in figures: "linear", "log", "logit" or "right_angle".
-        values: Values on the axis (v,), increasing.
-        dt: Steps (d,), s, increasing.
-        pairs: (formulation, method) of each pair.
+        values, dt, pairs: As of `stability_map`; dt (d,), s.
         status: Status of each run (pairs, v, d); "not_run" if it would have taken more than
             `max_steps` steps.
         error: Error of each run at the end (pairs, v, d), the larger of q and p, each component
@@ -66,9 +64,7 @@ class StabilityMap(Result):
         floor: Difference between the reference's two methods (v,), scaled as `error`, below which
             errors are meaningless; if they end early, the difference of their end times as a share
             of the time until then; inf without a reference.
-        scene: The scene that the axis varies.
-        stabilization: The gains of "csm", unless the axis sets them.
-        max_steps: Largest number of steps of a run.
+        scene, stabilization, max_steps: As of `stability_map`.
     """
 
     axis: str
@@ -170,7 +166,6 @@ class StabilityMap(Result):
 
 
 def _counted(names: Sequence[str]) -> str:
-    """Each distinct name with its number of occurrences, in words."""
     words = [f"{name.replace('_', ' ')} {count}" for name, count in Counter(names).items()]
     return ", ".join(words) or "none"
 
@@ -208,8 +203,7 @@ def stability_map(
         pairs: Pairs (formulation, method); None takes all that the contact allows.
         stabilization: The gains of "csm", unless the axis sets them.
         max_steps: Runs that would take more steps are not run and have status "not_run".
-        threads: As for `monte_carlo`.
-        progress: As for `monte_carlo`.
+        threads, progress: As for `monte_carlo`.
 
     Raises:
         ValueError: An argument breaks its rule, or a value gives a scene that cannot start. Both

@@ -1,7 +1,4 @@
-"""One measured motion: its scene, the data, and a simulation of them.
-
-What can be measured along a run has a name: single columns, and groups of columns.
-"""
+"""One measured motion: the names of what can be measured, scene, data, and their simulation."""
 
 import math
 from collections.abc import Mapping
@@ -83,8 +80,7 @@ class Experiment(Result):
         scene: The scene, before the fit.
         times: The measured instants (n,), s, on the clock of the scene's start.
         observables: Names of what was measured, as given -> the names of its columns.
-        columns: The names of all c columns.
-        units: Their units.
+        columns, units: The names of all c columns, and their units.
         data: What was measured (n, c), in SI units; NaN where nothing was.
         noise: The standard deviation of each column's noise (c,); NaN before it is estimated.
         estimated: Whether the noise is estimated from the residuals (c,).

@@ -22,11 +22,9 @@ class LawFit(Result):
 
     Attributes:
         law: The law, for `Fingertip(law=...)`.
-        compression: The measured d_n (k,), m.
-        force: The measured F (k,), N.
+        compression, force: The measured d_n, m, and F, N, (k,) each.
         fitted: The law's F at these compressions (k,), N.
-        names: The law's fitted numbers; none of a `MeasuredLaw`.
-        values: Their values.
+        names, values: The law's fitted numbers; none of a `MeasuredLaw`.
         intervals: Intervals of 95 % about them (numbers, 2), from the scatter of the forces, which
             is taken as equal and independent.
         misfit: The largest difference between fitted and measured forces over the largest force.

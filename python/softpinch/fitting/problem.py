@@ -1,7 +1,4 @@
-"""The numbers that a fit varies, and its least-squares problem.
-
-The residuals of all experiments are weighted with their noise. The search has scaled coordinates.
-"""
+"""The numbers that a fit varies, and its least-squares problem in scaled coordinates."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

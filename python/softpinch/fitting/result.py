@@ -1,7 +1,4 @@
-"""`Fit`, the result of `fit`: values, errors, and what the data leave open.
-
-`uncertainty` linearises the problem at the minimum.
-"""
+"""`Fit`, the result of `fit`: values, errors, and what the data leave open."""
 
 from __future__ import annotations
 
@@ -69,8 +66,7 @@ class Fit(Result):
         at_bound: The paths whose values are at a bound. Their errors are those of the linearised
             problem without bounds, and too large on the side of the bound.
         experiments: Each experiment with data, noise and fitted motion.
-        options: How the runs were simulated.
-        loss: The loss.
+        options, loss: How the runs were simulated, and the loss of `fit`.
         chi_squared: The sum of the squared residuals over their noise, without the loss.
         degrees_of_freedom: The number of measurements minus p.
         starts: The number of starts whose runs did not fail.
@@ -239,7 +235,6 @@ class Fit(Result):
         table = self.table()
         names = [name.replace(" ", "_") for name in table.columns]
         rows = [[str(e) if e in (np.inf, -np.inf) else e for e in row] for row in table.rows]
-        noise = [dict(zip(e.columns, e.noise.tolist(), strict=True)) for e in self.experiments]
         return {
             "softpinch": _core.__version__,
             "results_version": _core.RESULTS_VERSION,
@@ -247,7 +242,9 @@ class Fit(Result):
             "messages": list(self.messages),
             "parameters": [dict(zip(names, row, strict=True)) for row in rows],
             "correlations": self.correlations.tolist(),
-            "noise": noise,
+            "noise": [
+                dict(zip(e.columns, e.noise.tolist(), strict=True)) for e in self.experiments
+            ],
             "noise_estimated": self.noise_estimated,
             "chi_squared": self.chi_squared,
             "degrees_of_freedom": self.degrees_of_freedom,
@@ -374,7 +371,6 @@ def _step_for_a_tenth(parameters: Sequence[Parameter], direction: Floats) -> flo
 
 
 def _changes_in_words(parameters: Sequence[Parameter], direction: Floats) -> str:
-    """The changes of the parameters along a direction, in words."""
     step = _step_for_a_tenth(parameters, direction) * direction
     texts = []
     for each, by in zip(parameters, step.tolist(), strict=True):
@@ -392,8 +388,7 @@ class Profile(Result):
     """The profile likelihood of one fitted number.
 
     Attributes:
-        path: Its path.
-        level: The level of the interval.
+        path, level: Its path, and the level of the interval.
         interval: (low, high) of the number. An end may be its bound, which may be infinite; see
             `closed`.
         closed: Whether the interval ends before the bound, or before a value with failed runs, on

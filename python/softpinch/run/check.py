@@ -37,6 +37,8 @@ AT_END = 1e-6
 
 def check_run(run: Run, modes: Modes | None, *, residual: float, closure: float) -> None:
     """Checks every invariant of a run with `known_modes`; `Run.check` explains the tolerances."""
+    for name, value in {"residual": residual, "closure": closure}.items():
+        checks.number_that(name, value, lambda x: x >= 0.0, "must be >= 0")
     for row in _first(~(np.diff(run.t) > 0)):
         fail(run, "times increase", row + 1, f"the row before is at {run.t[row]} s")
     for name, values in {"t": run.t, **run.arrays()}.items():
@@ -51,13 +53,9 @@ def check_run(run: Run, modes: Modes | None, *, residual: float, closure: float)
             _check_multipliers(run, modes)
         if "energy" in run.record:
             _check_losses(run)
-    _check_residuals(run, modes, _tolerance("residual", residual))
-    _check_closure(run, _tolerance("closure", closure))
+    _check_residuals(run, modes, residual)
+    _check_closure(run, closure)
     _check_status(run, modes)
-
-
-def _tolerance(name: str, value: float) -> float:
-    return checks.number_that(name, value, lambda x: x >= 0.0, "must be >= 0")
 
 
 def _limit(tolerance: float, scale: float) -> float:

@@ -43,8 +43,7 @@ class ErrorEstimate(Result):
         q: Estimated |error| of q at each recorded row, (n, 9), m and rad; None if the state was not
             recorded. It is inf in rows that the finer runs lack, such as the last row of a run
             that a violation ended, and with adaptive steps the rows at which a contact changes.
-        p: Estimated |error| of p, (n, 9), m/s and rad/s, or None.
-        multipliers: Estimated |error| of lambda, (n, 4), N, or None.
+        p, multipliers: Likewise of p, (n, 9), m/s and rad/s, and of lambda, (n, 4), N.
         largest: "q", "p", "multipliers" -> the largest error over components and the rows that have
             an estimate, each component scaled by its largest magnitude along the run. It is inf if
             the runs did not end alike.
@@ -163,7 +162,6 @@ def _observed_order(first: float, second: float) -> float:
 
 
 def _not_alike(runs: Sequence[Mapping[str, Any]], adaptive: bool) -> str:
-    """Says that the runs ended differently, or too early."""
     ends = [f"{run['status']} at t = {run['t'][-1]:.6g} s" for run in runs]
     if len(set(ends)) > 1:
         how = f"the run ended differently ({', '.join(ends)})"

@@ -22,8 +22,7 @@ class Forces(Result):
     """Generalised forces (9,) in the order of q, N and N m.
 
     Attributes:
-        elastic: Minus the gradient of P (5).
-        gravity: Minus the gradient of P_g (16).
+        elastic, gravity: Minus the gradients of P (5) and of P_g (16).
         viscous: The viscous forces of the fingertips (44, 45).
         control: The PID torques (39), or the driving torques of "driven" fingers.
         external: The disturbances at this instant, without impulses.
@@ -65,10 +64,9 @@ class Evaluation(Result):
         constraint_rate: b = (dPhi/dt) p, (4,), m/s^2.
         residuals: C^H (9), m, and C^N (12), m/s, (4,).
         residual_rates: dC^H/dt, (2,), m/s.
-        forces: All forces except the constraint forces.
+        forces, energies: All forces except the constraint forces, and the energies.
         multipliers: lambda (4,), N.
         accelerations: dp/dt, (9,), m/s^2 and rad/s^2.
-        energies: Kinetic, elastic and gravity energy.
         target: Target angles theta_1^d and theta_2^d, (2,), rad.
     """
 
@@ -103,11 +101,8 @@ def evaluate(
         scene: The physics, with bilateral contact; the scene's start is not used.
         t: Time on the clock of schedule and disturbances, s. At a jump of an input, the value after
             the jump is used.
-        q: Coordinates (9,), m and rad.
-        p: Rates of the coordinates (9,), m/s and rad/s.
-        integral: Integrals of the angle errors in (39), (2,), rad s.
-        formulation: The formulation that gives the multipliers and accelerations.
-        stabilization: The gains of (19) and (20), for formulation "csm".
+        q, p, integral: As of `State`, (9,), (9,) and (2,).
+        formulation, stabilization: As for `simulate`; of multipliers and accelerations.
     """
     checks.instance("scene", scene, Scene)
     checks.instance("stabilization", stabilization, Stabilization)

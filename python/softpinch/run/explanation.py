@@ -45,8 +45,7 @@ class Explanation(Result):
     """The size and the cost of the computation that a scene compiles to. `print` shows a report.
 
     Attributes:
-        formulation: How the constraints are enforced.
-        method: The integration method.
+        formulation, method: As of `simulate`.
         fingers: "pid", "torque", "sampled" or "driven".
         simd: The processor instructions that the core uses.
         degrees: Number of velocities that the equations are solved for.
@@ -160,7 +159,6 @@ _ZERO = "zero, but computed, because leaving it out saves no measurable time"
 
 
 def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: bool) -> list[Term]:
-    """Lists the optional parts of the computation, the physics first."""
     driven = scene.fingers == "driven"
     pids = scene.control if isinstance(scene.control, tuple) else (scene.control,)
     integrates = any(isinstance(pid, Pid) and pid.ki for pid in pids)

@@ -37,14 +37,8 @@ class Run(Shown):
 
     Attributes:
         scene: The simulated scene.
-        dt: Longest step, s; None if the error control chose the steps.
-        tolerance: Largest scaled error of a step; None if `dt` fixed the steps.
-        method: The integration method.
-        formulation: How the constraints were enforced.
-        stabilization: The gains of (19) and (20).
-        record: The recorded groups of quantities.
-        every: Number of steps between recorded rows.
-        stop_on: The violations that end the run.
+        dt, tolerance, method, formulation, stabilization, record, every, stop_on: As of `simulate`,
+            with defaults put in; dt, s, or tolerance is None, whichever did not set the steps.
         t: Recorded instants (n,), s.
         status: "completed"; the violation of `stop_on` that ended the run: "separated", "crushed",
             "folded", "pulling", "slipping", "rim", "off_face" or "opened"; or "not_finite",
@@ -165,8 +159,7 @@ class Run(Shown):
     @property
     def hand(self) -> HandState:
         """Place and motion of the hand's frame at the rows; at rest if the scene has no motion."""
-        motion = self.scene.motion or HandMotion.constant()
-        return motion.at(self.t)
+        return (self.scene.motion or HandMotion.constant()).at(self.t)
 
     def world(self, points: ArrayLike) -> NDArray[np.float64]:
         """Converts points of the hand's frame at the rows (n, ..., 2), m, to fixed axes.

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import _core
 from ..scene.directions import by_path, count, directions, listed, require_derivatives, shapes
-from ..scene.scene import Scene, State
+from ..scene.scene import State
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.display import Shown, ShownTable
@@ -172,13 +172,17 @@ def checked(
         if not isinstance(scene.initial, State):
             rule = "a SensitivityState goes with the State of the same row"
             raise ValueError(f"sensitivities: {rule}")
+        contact = scene.initial.contact
+        if contact is not None and (contact[:2] == ContactMode.FREE).any():
+            # The derivative of its frozen tilt is not kept.
+            rule = "a SensitivityState goes on only from a row in which no tip is free"
+            raise ValueError(f"sensitivities: {rule}")
         checks.require_finite("sensitivities.derivatives", seeds)
     else:
         paths = listed(asked)
     if not paths:
         return {}, None
     require_derivatives(scene)
-    _require_known_start(scene, seeds)
     found = shapes(scene, paths)
     if seeds is not None and found != asked.shapes:  # type: ignore[union-attr]
         raise ValueError("sensitivities: the SensitivityState is that of another scene")
@@ -211,13 +215,3 @@ def differentiated(
     left_out = {*_RECORDED} - {*request.options.record}
     kept = {name: part.copy() for name, part in parts.items() if name not in left_out}
     return Sensitivity(paths, kept | {"contact_changes": changes}, request.options.record)
-
-
-def _require_known_start(scene: Scene, seeds: Floats | None) -> None:
-    """Refuses derivatives that go on while a tip is free: that of its frozen tilt is not kept."""
-    start = scene.initial
-    if seeds is None or not isinstance(start, State) or start.contact is None:
-        return
-    if (start.contact[:2] == ContactMode.FREE).any():
-        rule = "a SensitivityState goes on only from a row in which no tip is free"
-        raise ValueError(f"sensitivities: {rule}")

@@ -18,7 +18,7 @@ from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.choices import Jitter
 from ..support.record import SIDES, Kinded, Record
-from .hand import one_or_pair, or_other, take_one_or_pair
+from .hand import one_or_pair, or_other
 
 # Measures that a controller knows without a sensor.
 _KNOWN = {"target", "target_rate", "schedule"}
@@ -41,9 +41,7 @@ class Pid(Record):
     Those of a `Jaw` are in N/m, N s/m and N/(m s).
 
     Attributes:
-        kp: K_P, proportional gain, N m/rad.
-        kd: K_D, derivative gain, N m s/rad.
-        ki: K_I, integral gain, N m/(rad s).
+        kp, kd, ki: K_P, N m/rad; K_D, N m s/rad; and K_I, N m/(rad s).
     """
 
     kp: float = 100.0
@@ -125,10 +123,9 @@ class SampledController(Law):
             the later instant. Torques act `delay` after that.
         loss: Probability, below 1, with which the measurements of a sample are lost, and those of
             the sample before it are used again. The first sample is never lost.
-        jitter: How late samples are, s, below the period: uniform from 0 to `jitter`; or, with
-            `jitter_kind` "normal", the size of a normal number with this deviation, at most 0.999
+        jitter, jitter_kind: How late samples are, s, below the period: "uniform" from 0 to
+            `jitter`; or if "normal", the size of a normal number with this deviation, at most 0.999
             periods. No sample overtakes another one. Delays begin at the late sample.
-        jitter_kind: "uniform" or "normal"; see `jitter`.
         rate_limit: Largest change of a torque in one period, divided by it, N m/s; None: no limit.
         dead_zone: Half the width of a dead zone of measurements, given as `measure_noise`: y
             between -z and z counts as 0, and beyond it as closer to 0 by z.
@@ -313,7 +310,6 @@ class SampledController(Law):
 
 
 def _matrix(name: str, value: ArrayLike | None, shape: tuple[int, int]) -> Floats:
-    """Checks a matrix; None is one of zeros."""
     place = f"SampledController.{name}"
     if value is None and name in "BC" and 0 not in shape:
         raise ValueError(f"{place} = None: must have shape {shape}, to fit A and measures")
@@ -323,7 +319,6 @@ def _matrix(name: str, value: ArrayLike | None, shape: tuple[int, int]) -> Float
 
 
 def _limits(value: object) -> Floats | None:
-    """Checks the limits, and returns one pair for each finger."""
     if value is None:
         return None
     given = checks.numbers("SampledController.limits", value)
@@ -362,14 +357,6 @@ def pids_of(control: object) -> tuple[Pid, Pid]:
 
 # One PID, one for each side, or a table with `kind`.
 parse_control = or_other(one_or_pair(Pid), Law)
-
-
-def take_control(value: object) -> object:
-    """Checks the field `control` of a scene; a pair of PIDs becomes a tuple (right, left)."""
-    if isinstance(value, Law):
-        return value
-    with checks.reworded(after=", Torque() or SampledController(...)"):
-        return take_one_or_pair("Scene.control", value, Pid)
 
 
 def require_known_torque(law: str, name: str) -> None:

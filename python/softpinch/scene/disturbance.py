@@ -143,13 +143,7 @@ class _Plain(Disturbance):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Step(_Plain):
-    """A constant force and moment that start at `time` and never end.
-
-    Attributes:
-        time: Start, s.
-        force: (F_x, F_y), N.
-        moment: Moment, counter-clockwise, N m.
-    """
+    """A constant force (F_x, F_y), N, and counter-clockwise moment, N m, from `time`, s, on."""
 
     time: float
     force: tuple[float, float] = (0.0, 0.0)
@@ -163,14 +157,7 @@ class Step(_Plain):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Pulse(_Plain):
-    """A constant force and moment from `time` until `time + duration`.
-
-    Attributes:
-        time: Start, s.
-        duration: Length, s.
-        force: (F_x, F_y), N.
-        moment: Moment, counter-clockwise, N m.
-    """
+    """A force and a moment as of `Step`, but only until `time + duration`, s."""
 
     time: float
     duration: float
@@ -188,15 +175,10 @@ class Pulse(_Plain):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Impulse(_Plain):
-    """An ideal impulse: the velocities jump at `time` and still satisfy the constraints.
+    """An ideal impulse (J_x, J_y), N s, with a counter-clockwise angular impulse, N m s.
 
-    It acts if the run's start <= `time` < the run's end. The row recorded at that instant is the
-    state before the jump.
-
-    Attributes:
-        time: Instant, s.
-        impulse: (J_x, J_y), N s.
-        angular_impulse: Moment impulse, counter-clockwise, N m s.
+    The velocities jump at `time`, s, and still satisfy the constraints. It acts if the run's start
+    <= `time` < the run's end. The row recorded at that instant is the state before the jump.
     """
 
     time: float
@@ -213,12 +195,9 @@ class Sine(_Plain):
     """F sin(2 pi f (t - time) + phase) from `time` until `time + duration`, or without end.
 
     Attributes:
-        frequency_hz: Frequency f, Hz.
-        force: Amplitudes (F_x, F_y), N.
-        moment: Amplitude of the moment, counter-clockwise, N m.
-        phase: Phase at `time`, rad.
-        time: Start, s.
-        duration: Length, s; None never ends.
+        frequency_hz, phase: Frequency f, Hz, and phase at `time`, rad.
+        force, moment: Amplitudes (F_x, F_y), N, and that of the counter-clockwise moment, N m.
+        time, duration: Start and length, s; a length of None never ends.
     """
 
     frequency_hz: float
@@ -294,8 +273,7 @@ class Noise(_Plain):
             fixed axes, m/s^2, or a pair with one for each: shaking of the base, beside the motion
             of a scene that has one. `Run.hand` is the motion without it.
         rate_hz: Samples per second, Hz. Integration steps end at every sample.
-        time: Start, s.
-        duration: Length, s; None never ends.
+        time, duration: Start and length, s; a length of None never ends.
         seed: Seed of the random numbers, from 0 to 2^64 - 1.
         run: Run number, from 0 to 2^64 - 1; noises of different runs are independent.
     """
@@ -346,7 +324,6 @@ class Noise(_Plain):
 
 
 def _end(time: Any, duration: Any) -> Any:
-    """Returns the end time, s, which is infinite if `duration` is None."""
     with np.errstate(over="ignore"):
         return np.asarray(math.inf if duration is None else np.add(time, duration))
 

@@ -65,11 +65,9 @@ class HandState(Result):
 
     Attributes:
         position: Place of the frame's origin, the middle of the finger roots (..., 2), m.
-        velocity: Rate of `position` (..., 2), m/s.
-        acceleration: Rate of `velocity` (..., 2), m/s^2; at a jump that after it.
+        velocity, acceleration: Its rates (..., 2), m/s and m/s^2; at a jump those after it.
         tilt: Angle phi of the frame, counter-clockwise (...), rad.
-        tilt_rate: Rate of `tilt` (...), rad/s.
-        tilt_acceleration: Rate of `tilt_rate` (...), rad/s^2; at a jump that after it.
+        tilt_rate, tilt_acceleration: Its rates (...), rad/s and rad/s^2; likewise.
     """
 
     position: Floats
@@ -176,8 +174,7 @@ class HandMotion(Kinded):
             amplitude: Amplitude of the position, m; about the axis "tilt" that of the tilt, rad.
             frequency: Frequency, Hz.
             axis: "x", "y" or "tilt"; or the angle from x to the direction, counter-clockwise, rad.
-            phase: Phase at time 0, rad.
-            tilt: Mean tilt, rad.
+            phase, tilt: Phase at time 0 and mean tilt, rad.
         """
         values = {"amplitude": amplitude, "frequency": frequency, "phase": phase, "tilt": tilt}
         return SineMotion(**values, axis=axis)
@@ -246,7 +243,6 @@ class TimedMotion(HandMotion):
     tilts: float | Floats = 0.0
 
     def __post_init__(self) -> None:
-        """Checks times and tilts, then what a kind has of its own, then the polynomials."""
         self._check(checks.times, "times")
         if self.tilts is None:
             self._set("tilts", 0.0)
@@ -415,12 +411,10 @@ class ConstantMotion(HandMotion):
 
 
 def _constant(*values: Any) -> Piecewise:
-    """A constant for each channel, without breaks."""
     return np.zeros(0), np.array(values)[None, :, None]
 
 
 def _lengths(points: Floats) -> Floats:
-    """The distances between consecutive points (k - 1,), m."""
     return np.asarray(np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)))
 
 

@@ -142,11 +142,7 @@ class TipLaw(Kinded):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ParallelSprings(TipLaw):
-    """The paper's law (5), F = pi E d_n^2: the same as `Fingertip(youngs_modulus=...)`.
-
-    Attributes:
-        youngs_modulus: E, Pa.
-    """
+    """The paper's law (5), F = pi E d_n^2, E in Pa: as of `Fingertip(youngs_modulus=...)`."""
 
     youngs_modulus: float
 

@@ -154,8 +154,7 @@ def at_path(scene: Scene, path: str) -> list[Any]:
 
 def with_numbers(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """Returns a copy of a scene with numbers or arrays at paths, which are known to exist."""
-    changed: Scene = replaced(scene, tree_of_numbers(values))
-    return changed
+    return replaced(scene, tree_of_numbers(values))  # type: ignore[no-any-return]
 
 
 def tree_of_numbers(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -233,8 +232,7 @@ def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:
             require_gains(scene, path)
         taken = {path: _taken(path, locate(scene, path)[0], values[path]) for path in values}
         refuse_overlaps(list(taken))
-    result: Scene = replaced(scene, tree_of(taken))
-    return result
+    return replaced(scene, tree_of(taken))  # type: ignore[no-any-return]
 
 
 def _taken(path: str, old: Any, value: Any) -> Any:

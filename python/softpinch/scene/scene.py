@@ -21,9 +21,9 @@ from ..support.display import ShownTable
 from ..support.record import SIDES, Parser, Record, array_of
 from . import parts, usual
 from .contact import coefficients, pair_of, parse_friction
-from .control import WRITTEN, Control, Pid, SampledController, Torque, parse_control, take_control
+from .control import WRITTEN, Control, Law, Pid, SampledController, Torque, parse_control
 from .disturbance import Compiled, Disturbance, Noise
-from .hand import GraspedObject, Hand, name_sides
+from .hand import GraspedObject, Hand, name_sides, take_one_or_pair
 from .motion import HandMotion
 from .parts import PAPERS, Mechanism
 from .paths import PathTable, changed, paths_of
@@ -316,7 +316,9 @@ class Scene(Record):
                 "Scene.schedule: is in degrees, but the coordinate of a Jaw is its travel, m; use "
                 "Schedule.steps, .ramps, .minimum_jerk or .sampled"
             )
-        self._set("control", take_control(self.control))
+        if not isinstance(self.control, Law):
+            with checks.reworded(after=", Torque() or SampledController(...)"):
+                self._set("control", take_one_or_pair("Scene.control", self.control, Pid))
         if not isinstance(self.disturbances, tuple | list):
             rule = "must be a sequence of disturbances, such as [Step(time=0.1, force=(1.0, 0.0))]"
             raise TypeError(f"Scene.disturbances = {checks.shown(self.disturbances)}: {rule}")

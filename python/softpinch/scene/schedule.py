@@ -130,12 +130,8 @@ class Schedule(Record):
         Raises:
             ValueError: Moves overlap, or the angular rates overflow.
         """
-        return cls(
-            kind="via_points" if move_time is None else "minimum_jerk",
-            times=times,  # type: ignore[arg-type]
-            angles=angles,  # type: ignore[arg-type]
-            move_time=move_time,  # type: ignore[arg-type]
-        )
+        kind = "via_points" if move_time is None else "minimum_jerk"
+        return cls(kind=kind, times=times, angles=angles, move_time=move_time)  # type: ignore[arg-type]
 
     @classmethod
     def sampled(cls, times: ArrayLike, angles: ArrayLike, hold: Hold = "zero") -> Self:

@@ -7,13 +7,9 @@ from ..support.record import Record
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stabilization(Record):
-    """Gains of the constraint stabilisation (19, 20).
+    """Gains for the holonomic constraints, alpha (19), and the nonholonomic, beta (20), 1/s.
 
     They are an argument of `simulate` and no part of `Scene`, because they belong to the numerics.
-
-    Attributes:
-        alpha: Gain for the holonomic constraints (19), 1/s.
-        beta: Gain for the nonholonomic constraints (20), 1/s.
     """
 
     alpha: float = 1000.0

@@ -45,7 +45,6 @@ def number_that(name: str, value: object, holds: Callable[[float], bool], rule: 
 
 
 def _rule(holds: Callable[[float], bool], rule: str) -> Callable[[str, object], float]:
-    """Makes a check (name, value) that converts a number to a float."""
     return lambda name, value: number_that(name, value, holds, rule)
 
 

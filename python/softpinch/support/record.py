@@ -98,7 +98,6 @@ class Record(ByValue):
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        """Converts and validates the numbers."""
         kind = next((c.__name__ for c in type(self).__mro__ if c.__name__ in _core.RULES), "")
         rules = _core.RULES.get(kind, {})
         for f in fields(self):

@@ -32,7 +32,6 @@ class Result(ByValue):
     """Base class of results, whose arrays stay read-only, also if unpickled or copied."""
 
     def __post_init__(self) -> None:
-        """Makes the arrays read-only."""
         for value in self._values().values():
             if isinstance(value, np.ndarray):
                 read_only(value)
