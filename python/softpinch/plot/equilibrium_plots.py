@@ -305,7 +305,6 @@ def wrench_limits(
     held, crosses where it did not, and the limits of the first panel as a line.
 
     Args:
-        limits: The limits.
         ensemble: Runs in which a force acts on the object, of random direction and size.
         force: Path of the force that differs between the runs (runs, 2).
         what: What counts as held: "holds", a status or a violation, or booleans (runs,).

@@ -187,9 +187,7 @@ class Simulator(Stepped):
     def reset(self, state: State | None = None) -> Observation:
         """Puts the run at its start, and takes away the force of `set_force`.
 
-        Args:
-            state: Start from this state, and last for the scene's duration from its time on; None
-                starts as the scene does.
+        From a given `state` it lasts for the scene's duration, counted from the state's time.
         """
         self._core.reset(0, None if state is None else self._checked("state", state))
         self._start, self._force = state, (0.0, 0.0, 0.0)
@@ -220,9 +218,8 @@ class Simulator(Stepped):
     def set_force(self, force: ArrayLike = (0.0, 0.0), moment: float = 0.0) -> None:
         """Sets an external force on the object, held from the next step on until it is set again.
 
-        Args:
-            force: (F_x, F_y) at the centre of gravity, N, beside the scene's disturbances.
-            moment: Moment, counter-clockwise, N m.
+        It is (F_x, F_y) at the centre of gravity, N, and a counter-clockwise moment, N m, beside
+        the scene's disturbances.
         """
         found = (*checks.pair("force", force), checks.finite("moment", moment))
         self._core.set_force(0, found)
