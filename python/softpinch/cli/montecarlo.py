@@ -1,7 +1,4 @@
-"""`softpinch montecarlo`: computes a study from a file, and reports it.
-
-A report has tables, arrays, capsules and figures as files, and lines for the screen.
-"""
+"""`softpinch montecarlo`: computes a study from a file, and reports it."""
 
 import time
 from collections.abc import Iterator, Sequence

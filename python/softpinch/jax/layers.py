@@ -144,9 +144,6 @@ def final_state(
     Args:
         scene: The scene. If it has noise, a batch is one run after another, with equal noise.
         vary, dt, method, formulation, stabilization, stop_on: As for `simulate`.
-
-    Returns:
-        A function of a dictionary, path -> value, as `simulate` has it.
     """
     how = (dt, method, formulation, stabilization, "state", MOST_STEPS, stop_on)
     template, options = _prepared(scene, vary, *how)

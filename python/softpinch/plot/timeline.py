@@ -1,7 +1,6 @@
 """Figures over time, described as data: columns of panels with curves, above bands of modes.
 
-A caller lists `Column`s of `Panel`s of `Curve`s; `draw` makes the axes and draws them. A run with
-unilateral contact has two bands below its column, which show the mode of each tip over time.
+A run with unilateral contact has two bands below its column, one for each tip.
 """
 
 from __future__ import annotations

@@ -158,8 +158,7 @@ class Simulator(Stepped):
             period: Time for which the torques of one `step` are held, s.
             dt, method, formulation, stabilization, stop_on: As for `simulate`.
         """
-        how = (dt, method, formulation, stabilization)
-        super().__init__(scene, period, *how, stop_on=stop_on)
+        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on=stop_on)
         self._core = _core.Simulator.alone(Request(scene, self._options).simulation(), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
@@ -372,8 +371,7 @@ class VectorSimulator(Stepped):
                 at every step, so that it pays from about 2500 integration steps a call on, for
                 example 250 runs and 10 steps a period.
         """
-        how = (dt, method, formulation, stabilization)
-        super().__init__(scene, period, *how, stop_on=stop_on)
+        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on=stop_on)
         threads = checks.integer("threads", threads, 1, 4096)
         n = checks.integer("n", n, 1, _MOST)
         spec = StudySpec.checked(scene, self._options, runs=n, seed=seed, vary=vary, summaries=())
