@@ -1,7 +1,4 @@
-"""The shell commands. Each parses its options, calls the public Python function, and prints.
-
-Needs the extra `cli`.
-"""
+"""The shell commands, which call the public Python functions, and need the extra `cli`."""
 
 from .commands import app
 

@@ -111,9 +111,7 @@ def stability(
             typer.echo(f"{name:{wide}}  {step.predicted:9.4g}  {measured:>9}  {step.message}")
         for plan in plans:
             found = plan.run()
-            typer.echo("")
-            for line in found.summary():
-                typer.echo(line)
+            typer.echo("\n".join(["", *found.summary()]))
             stem = out / f"stability_{found.axis.replace('.', '_')}"
             files = [found.save(stem.with_suffix(suffix)) for suffix in (".csv", ".npz")]
             files.append(plot.save(plot.stability_map(found), stem.with_suffix(f".{format}")))
@@ -193,8 +191,7 @@ def work_precision(
         except RuntimeError as reason:
             typer.echo(f"no reference: {reason}", err=True)
             raise typer.Exit(ENDED_EARLY) from None
-        for line in lines(found, where):
-            typer.echo(line)
+        typer.echo("\n".join(lines(found, where)))
         table = found.save(out / "work_precision.csv")
         drawn = plot.work_precision(found, where=where)
         figure = plot.save(drawn, out / f"work_precision.{format}")
@@ -255,12 +252,8 @@ def advise(
         typer.echo(found.message)
         for trial in found.trials:
             pair = f"{trial.formulation} {trial.method}"
-            if trial.note:
-                typer.echo(f"  {pair:28s} {trial.note}")
-                continue
             where = "whole scene" if trial.whole else "its beginning"
-            time = f"{1e3 * trial.time:9.4f} ms"
-            found_there = f"error {trial.error:.1e}  {time}  ({where})"
-            typer.echo(f"  {pair:28s} {trial.setting:20s} {found_there}")
+            measured = f"error {trial.error:.1e}  {1e3 * trial.time:9.4f} ms  ({where})"
+            typer.echo(f"  {pair:28s} {trial.note or f'{trial.setting:20s} {measured}'}")
     if not found.met:
         raise typer.Exit(ENDED_EARLY)

@@ -182,11 +182,9 @@ def run(
             result.save(out)
         if plot is not None:
             figures.save(figures.run(result), plot)
-        for line in summary(result):
-            typer.echo(line)
+        typer.echo("\n".join(summary(result)))
         if capsule is not None and result.status != "interrupted":
-            for line in beside_study(capsule, result, how):
-                typer.echo(line)
+            typer.echo("\n".join(beside_study(capsule, result, how)))
     if result.status == "interrupted" or (estimate_error and result.error_estimate.interrupted):
         raise typer.Exit(INTERRUPTED)
     if not result.success:
@@ -237,8 +235,7 @@ def fit(
         require("matplotlib", extra="plot", purpose="figures")
         require("tomli_w", extra="cli", purpose="writing TOML")
         found = fit_numbers(scene, times, measured, **settings)
-        for line in (*found.lines(), *found.messages):
-            typer.echo(line)
+        typer.echo("\n".join([*found.lines(), *found.messages]))
         if profile:
             for path in found.values:
                 low, high = found.profile(path).interval
@@ -310,8 +307,7 @@ def summary(run: Run) -> list[str]:
     units = [DISPLAY_UNITS[unit] for unit in of_coordinates(COORDINATE_UNITS, jaws(run.scene))]
     shown = last.q * [per_si for _, per_si in units]
     x, y, theta, right, left, d_n1, d_n2, _, _ = (f"{number:z.3f}" for number in shown)
-    length, angle = units[0][0], units[2][0]
-    first, second = units[3][0], units[4][0]
+    length, _, angle, first, second = (name for name, _ in units[:5])
     right = right if first == second else f"{right} {first}"
     lines = [
         f"{run.status}: {run.message}",
@@ -340,8 +336,7 @@ def summary(run: Run) -> list[str]:
             taken = run.energy.friction_loss[-1], run.energy.impact_loss[-1]
             lines.append(f"friction takes {taken[0]:.3g} J, impacts take {taken[1]:.3g} J")
     # `Run` raises AttributeError for an estimate that was not requested.
-    error = getattr(run, "error_estimate", None)
-    if error is not None:
+    if (error := getattr(run, "error_estimate", None)) is not None:
         lines.append(error.message)
     if run.every > 1 and set(run.record) & {"multipliers", "residuals", "energy"}:
         lines.append(f"(extremes are of one step in {run.every}; --every 1 sees all)")

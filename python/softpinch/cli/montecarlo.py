@@ -1,10 +1,7 @@
-"""`softpinch montecarlo`: computes a study from a file, and reports it.
-
-A report has tables, arrays, capsules and figures as files, and lines for the screen.
-"""
+"""`softpinch montecarlo`: computes a study from a file, and reports it."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +14,7 @@ from ..montecarlo import compute
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
 from ..study import study_file
+from ..study.capsule import Capsule
 from ..study.compute import Computation
 from ..study.effects import sensitivity
 from ..study.results import Ensemble, Results
@@ -46,7 +44,7 @@ _HOLDS = {
 # Event -> name of the figure with its share of the runs.
 _MAPS = {"completed": "success_map", HOLDS: "success_map_holds"}
 # Capsules are written for at most this many failed runs.
-_CAPSULES = 10
+CAPSULES = 10
 
 
 def montecarlo(
@@ -108,15 +106,13 @@ def montecarlo(
         if result.interrupted:
             typer.echo(f"{result.interruption}; run the same command again to continue", err=True)
         if result.runs:
-            for line in lines(result, seconds, begun):
-                typer.echo(line)
+            typer.echo("\n".join(lines(result, seconds, begun)))
             some = sample(result)
             files = save_tables(result, some, out) + save_figures(some, out, format)
             typer.echo(f"{out}: {', '.join((MANIFEST, PARTS, *(file.name for file in files)))}")
             if some.runs < result.runs:
                 typer.echo(f"(the figures show {some.runs} runs, evenly spread over all)")
-            capsules = save_capsules(result, out)
-            if capsules:
+            if capsules := save_capsules(result.failures()[:CAPSULES], out):
                 typer.echo(f"to repeat the first failures: softpinch run {capsules[0]}, ...")
     if result.interrupted:
         raise typer.Exit(INTERRUPTED)
@@ -193,10 +189,10 @@ def save_tables(study: Results, some: Ensemble, out: Path) -> list[Path]:
     return files
 
 
-def save_capsules(study: Results, out: Path) -> list[Path]:
-    """Writes the first few failed runs, each as a capsule that `softpinch run` replays."""
+def save_capsules(capsules: Sequence[Capsule], out: Path) -> list[Path]:
+    """Writes capsules of runs, which `softpinch run` replays."""
     files = []
-    for capsule in study.failures()[:_CAPSULES]:
+    for capsule in capsules:
         files.append(out / "failures" / f"{capsule.run}.toml")
         files[-1].parent.mkdir(exist_ok=True)
         files[-1].write_text(capsule.to_toml(), encoding="utf-8")

@@ -14,12 +14,11 @@ from ..study.spec import RUN_OPTIONS
 from ..support import checks, toml
 from ..support.extras import require
 from ..support.files import FORMATS
+from .montecarlo import CAPSULES, save_capsules
 from .options import Dt, Format, Out, Threads
 from .shell import INTERRUPTED, one_line_errors
 
 _SETTINGS = ("event", "runs", "method")
-# Capsules are written for at most this many runs, the last ones.
-_CAPSULES = 10
 
 
 def rare(
@@ -78,9 +77,8 @@ def rare(
             typer.echo(f"{name}: {100.0 * share:.0f} % of the way to the event")
         for path, value in found.design_point.items() if found.events.runs else ():
             typer.echo(f"design point: {path} = {value}")
-        (out / "failures").mkdir(parents=True, exist_ok=True)
+        out.mkdir(parents=True, exist_ok=True)
         plot.save(plot.rare_event(found), out / f"rare.{format}")
-        for capsule in found.failures()[-_CAPSULES:]:
-            (out / "failures" / f"{capsule.run}.toml").write_text(capsule.to_toml(), "utf-8")
+        save_capsules(found.failures()[-CAPSULES:], out)
     if found.interrupted:
         raise typer.Exit(INTERRUPTED)

@@ -6,9 +6,8 @@
     env = gymnasium.make("softpinch/Pinch-v0")
     envs = gymnasium.make_vec("softpinch/Pinch-v0", num_envs=256)
 
-`PinchEnv` is one environment. `PinchVectorEnv` has many in the lanes of one simulator, each with
-the bits of a `PinchEnv` of its seed. Rewards, pushes and observations are those of a task:
-`HoldAgainstPushes`, `FollowPath`, `HoldWithLeastGrip`, or a class of your own derived from `Task`.
+Rewards, pushes and observations are those of a task: `HoldAgainstPushes`, `FollowPath`,
+`HoldWithLeastGrip`, or a class of your own derived from `Task`.
 """
 
 from ..simulator.tasks import (

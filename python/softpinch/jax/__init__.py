@@ -1,15 +1,12 @@
 """softpinch as a differentiable layer of JAX: `jit`, `vmap`, `jvp`, `grad`. Needs the extra `jax`.
 
-    import jax
-    import softpinch as sp
-    import softpinch.jax
+import jax
+import softpinch as sp
+import softpinch.jax
 
-    jax.config.update("jax_enable_x64", True)
-    layer = softpinch.jax.simulate(sp.Scene(), ("grasped.mass",), dt=1e-3)
-    slope = jax.grad(lambda mass: layer({"grasped.mass": mass}).q[-1, 1])(0.1)
-
-`simulate` gives all rows of a run; `final_state` gives its end, and computes batches in the lanes
-of the core.
+jax.config.update("jax_enable_x64", True)
+layer = softpinch.jax.simulate(sp.Scene(), ("grasped.mass",), dt=1e-3)
+slope = jax.grad(lambda mass: layer({"grasped.mass": mass}).q[-1, 1])(0.1)
 """
 
 from ..support.extras import require

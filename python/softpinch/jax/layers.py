@@ -103,7 +103,6 @@ def simulate(
     `final_state`. `vmap` makes one call for a batch, which computes one run after another.
 
     Args:
-        scene: The scene.
         vary: Dotted paths of the numbers that are arguments, as in `sp.monte_carlo`. The number of
             rows must not depend on them.
         dt: Longest step, s, as for `sp.simulate`; 1e-4 if it is None. The error control of
@@ -123,12 +122,8 @@ def simulate(
     steps = Request(scene, options).simulation().outline()["steps"]
     assert steps is not None  # known for equal steps
     layer = _layer(template, options, record, rows=1 + -(-steps // options.every))
-
-    def trajectory(values: Values) -> Trajectory:
-        found: dict[str, Any] = {"multipliers": None, "torque": None, **layer(values)}
-        return Trajectory(**found)
-
-    return trajectory
+    unrecorded: dict[str, Any] = dict.fromkeys(_RECORDABLE)
+    return lambda values: Trajectory(**(unrecorded | layer(values)))
 
 
 def final_state(
@@ -149,9 +144,6 @@ def final_state(
     Args:
         scene: The scene. If it has noise, a batch is one run after another, with equal noise.
         vary, dt, method, formulation, stabilization, stop_on: As for `simulate`.
-
-    Returns:
-        A function of a dictionary, path -> value, as `simulate` has it.
     """
     how = (dt, method, formulation, stabilization, "state", MOST_STEPS, stop_on)
     template, options = _prepared(scene, vary, *how)
@@ -278,12 +270,9 @@ def _layer(
             *values,
             vmap_method="broadcast_all",
         )
-        tangents: dict[str, Any] = {}
-        for name, each in results.items():
-            if name not in smooth:
-                tangents[name] = np.zeros(each.shape, jax.dtypes.float0)
-                continue
-            total = jnp.zeros(each.shape)
+        tangents: dict[str, Any] = {"status": np.zeros(results["status"].shape, jax.dtypes.float0)}
+        for name in smooth:
+            total = jnp.zeros(results[name].shape)
             for path, dot in moved.items():
                 total += jnp.tensordot(slopes[name][path], dot, axes=len(shapes[path]))
             # Rows that a run does not reach are constant. A zero slope alone would not do: the

@@ -2,8 +2,8 @@
 
 Each function returns a matplotlib `Figure` without a window, so it works without a screen. A figure
 can only show recorded quantities: see `simulate(record=...)`. A function with one panel takes `ax`,
-axes to draw on. All need the extra `plot`, and raise an ImportError that names it; an argument of a
-wrong type raises a TypeError.
+axes to draw on; None makes a figure. All need the extra `plot`, and raise an ImportError that names
+it; an argument of a wrong type raises a TypeError.
 """
 
 from .accuracy_plots import stability_map, stabilization_sweep, work_precision

@@ -51,7 +51,6 @@ def work_precision(result: WorkPrecision, peers: bool = False, where: str | None
     error of the reference itself and have no meaning.
 
     Args:
-        result: The measurements.
         peers: Whether to show one column with "nullspace" and the peers, instead of a column for
             each formulation.
         where: "along" for the largest error of q, p and lambda along the run; "end" for the error
@@ -264,7 +263,7 @@ def _set_scales(axes: Axes, map: StabilityMap) -> None:
     if map.scale == "logit":
         axes.set_xscale("logit")
     elif map.scale == "right_angle":
-        axes.set_xscale("function", functions=(_from_right_angle, _to_right_angle))
+        axes.set_xscale("function", functions=(_from_right_angle, lambda x: 90.0 - 10.0**-x))
     elif map.scale == "log" and map.values[0] > 0.0:
         axes.set_xscale("log")
         _set_decades(axes.xaxis, map.values, 3)
@@ -299,10 +298,6 @@ def _set_decades(axis: Axis, values: Floats, most: int) -> None:
 def _from_right_angle(degrees: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         return -np.log10(90.0 - degrees)
-
-
-def _to_right_angle(place: Floats) -> Floats:
-    return 90.0 - 10.0**-place
 
 
 def _edges(axis: Axis, values: Floats) -> Floats:

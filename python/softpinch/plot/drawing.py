@@ -114,7 +114,11 @@ def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list
         along = np.stack([-across[..., 1], across[..., 0]], axis=-1)
         pressing = np.array(outline.SIGNS) * multipliers[:, :2]
         contact = pressing[..., None] * across + multipliers[:, 2:, None] * along
-        external = _external(run.scene, times)
+        # Disturbances do not depend on the state, nor on what moves the fingers and the hand.
+        still = replace(run.scene, control=Pid(), initial=None, motion=None)
+        plain, at_rest = replace(still, contact="bilateral", fingers="pid"), np.zeros(9)
+        each_forces = [evaluate(plain, t, at_rest, at_rest).forces for t in times.tolist()]
+        external = np.array([each.external[:3] for each in each_forces])
         pushes = measures.impulses(run)
     modes: list[Any] = [None] * len(times)
     if run.scene.contact == "unilateral":
@@ -131,15 +135,6 @@ def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list
         loads = into_hand @ external[k], into_hand @ push
         seen.append(Instant(time, places[k], q[k], modes[k], contact[k], *loads, status))
     return seen
-
-
-def _external(scene: Scene, times: Floats) -> Floats:
-    """Force, along fixed axes, and moment of the disturbances (k, 3), without impulses."""
-    # They do not depend on the state, nor on what moves the fingers and the hand.
-    still = replace(scene, control=Pid(), initial=None, motion=None)
-    plain = replace(still, contact="bilateral", fingers="pid")
-    q = np.zeros(9)
-    return np.array([evaluate(plain, t, q, q).forces.external[:3] for t in times.tolist()])
 
 
 def _impulse(run: Run, pushes: dict[float, Floats], since: float, time: float) -> Floats:
@@ -185,23 +180,15 @@ class Frame(NamedTuple):
         corners = [(x, y) for x in (left, right) for y in (bottom, top)]
         moved = np.concatenate([_placed(each.place).transform(corners) for each in shown])
         (left, bottom), (right, top) = moved.min(axis=0), moved.max(axis=0)
-        width = right - left
-        margin = _MARGIN * width
         pushing = [force for each in shown for force in (*each.contact, each.external[:2])]
         sizes = np.hypot(*np.transpose(pushing))
         sizes = sizes[sizes > 0.0]
         newton = longest / min(sizes.max(), _TALL * np.quantile(sizes, 0.9)) if sizes.size else 0.0
         pushes = measures.impulses(run).values()
         push = max((float(np.hypot(*each[:2])) for each in pushes), default=0.0)
-        return cls(
-            left - margin,
-            right + margin,
-            bottom - margin,
-            top + margin + (_KEY * width if newton else 0.0),
-            longest,
-            float(newton),
-            longest / push if push else 0.0,
-        )
+        margin, key = _MARGIN * (right - left), _KEY * (right - left) if newton else 0.0
+        limits = left - margin, right + margin, bottom - margin, top + margin + key
+        return cls(*limits, longest, float(newton), longest / push if push else 0.0)
 
 
 def _placed(place: Floats) -> Affine2D:
@@ -259,8 +246,7 @@ class Picture:
 
     def show(self, shown: Instant) -> None:
         """Shows an instant."""
-        frame = self._frame
-        q = shown.q
+        frame, q = self._frame, shown.q
         self._hands_place.set_matrix(_placed(shown.place).get_matrix())
         self._hand.show(q, shown.modes)
         for side, (artist, force) in enumerate(zip(self._contact, shown.contact, strict=True)):

@@ -44,10 +44,8 @@ def histogram(
     figure says how many.
 
     Args:
-        ensemble: The ensemble or study.
         name: A summary, a component of one ("final_state.theta"), a path or "failure_time".
         bins: Number of bins; None chooses it by the number of runs.
-        ax: The axes to draw on; None makes a figure.
     """
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     column = shown(number(ensemble, name))
@@ -155,7 +153,6 @@ def importance(
     sign is the direction of the effect. The twelve largest shares are shown.
 
     Args:
-        ensemble: The ensemble or study.
         name: A summary or a component of one, a status ("completed"), a violation, "holds", or
             whether something happened in each run, booleans (runs,).
         found: The result of `sensitivity` for this name, if it has been computed already.
@@ -246,12 +243,11 @@ def success_map(
     title names the contact model and the friction, as `Results.model` does.
 
     Args:
-        ensemble: The ensemble or study.
         x, y: Paths of the parameters on both axes; with an index if the value has several numbers:
             "disturbances.0.force.0".
         what: A status, a violation, "holds", or whether it happened in each run, booleans (runs,).
         bins: Number of bins along each axis; None chooses it by the number of runs.
-        ax: The axes to draw on, with the scale of the colours beside them; None makes a figure.
+        ax: The axes to draw on, with the scale of the colours beside them.
     """
     instance("ensemble", ensemble, Results, "an Ensemble or a Study")
     across = shown(number(ensemble, x, "x"))

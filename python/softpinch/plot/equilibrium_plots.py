@@ -83,15 +83,14 @@ def _curves(map: EquilibriumMap) -> Figure:
     """The figure over one axis."""
     figure, axes = s.panels(3, 2, s.PAGE, 5.2, sharex=True)
     values, name = _axis(map, 0)
-    stiffness = map.stiffness
-    force, friction = stiffness / s.MM.per_si, map.friction_needed
+    stiffness, friction = map.stiffness, map.friction_needed
     # Name of each panel -> its lines: values, style, and a name if there are several.
     plans: dict[str, list[tuple[Floats, Line, str]]] = {
         "rotation [deg]": [(map.rotation * s.DEG.per_si, _ONLY, "")],
         "height $y$ [mm]": [(map.position[:, 1] * s.MM.per_si, _ONLY, "")],
         "stiffness [N/mm]": [
-            (force[:, 0, 0], {"color": s.BLUE}, "$K_{xx}$"),
-            (force[:, 1, 1], {**_LEFT, "color": s.GREEN}, "$K_{yy}$"),
+            (stiffness[:, 0, 0] / s.MM.per_si, {"color": s.BLUE}, "$K_{xx}$"),
+            (stiffness[:, 1, 1] / s.MM.per_si, {**_LEFT, "color": s.GREEN}, "$K_{yy}$"),
         ],
         r"$K_{\theta\theta}$ [N m/rad]": [(stiffness[:, 2, 2], _ONLY, "")],
         "friction needed [1]": [(friction[:, 0], _RIGHT, "right"), (friction[:, 1], _LEFT, "left")],
@@ -263,10 +262,8 @@ def _legend(figure: Figure, map: EquilibriumMap, handles: list[Any]) -> None:
             handles.append(line)
     pulls = bool(np.isinf(map.friction_needed).any()) and len(map.axes) == 2
     for status, face in _FACES.items():
-        if (map.status == status).any() or (status == "pulling" and pulls):
-            name = f"no equilibrium: {words(status)}"
-            if status == "pulling" and pulls and not (map.status == status).any():
-                name = "a tip pulls"
+        if (lost := (map.status == status).any()) or (status == "pulling" and pulls):
+            name = f"no equilibrium: {words(status)}" if lost else "a tip pulls"
             handles.append(s.cell_patch(face, name))
     if handles:
         figure.legend(handles=handles, loc="outside upper center", ncols=4, columnspacing=1.4)
@@ -305,7 +302,6 @@ def wrench_limits(
     held, crosses where it did not, and the limits of the first panel as a line.
 
     Args:
-        limits: The limits.
         ensemble: Runs in which a force acts on the object, of random direction and size.
         force: Path of the force that differs between the runs (runs, 2).
         what: What counts as held: "holds", a status or a violation, or booleans (runs,).
@@ -326,7 +322,6 @@ def wrench_limits(
     columns, width, height = (1, s.COLUMN, 3.7) if points is None else (2, s.PAGE, 3.9)
     with _polar(ax, columns, width, height) as (figure, axes):
         first = axes[0, 0]
-        _outline(first, angle, size, {"color": s.GREY, "linewidth": 0.8})
         _marked(first, angle, size, limits.limit[plain])
         first.set_title(_title(limits, plain), fontsize=9.0, pad=8.0)
         if points is not None and ensemble is not None:
@@ -361,7 +356,6 @@ def carry_limits(limits: CarryLimits, ax: Axes | None = None) -> Figure:
     with _polar(ax, 1, s.COLUMN, 3.7) as (figure, axes):
         (each,) = axes.flat
         if limits.limit.ndim == 1:
-            _outline(each, angle, limits.limit, {"color": s.GREY, "linewidth": 0.8})
             _marked(each, angle, limits.limit, limits.cause)
         else:
             colors = colormaps["viridis"](np.linspace(0.0, 0.85, len(sizes)))
@@ -410,6 +404,7 @@ def _outline(axes: PolarAxes, angle: Floats, size: Floats, style: dict[str, Any]
 
 
 def _marked(axes: PolarAxes, angle: Floats, size: Floats, limit: NDArray[np.str_]) -> None:
+    _outline(axes, angle, size, {"color": s.GREY, "linewidth": 0.8})
     for name in dict.fromkeys([*_MARKS, *limit.tolist()]):
         some = (limit == name) & np.isfinite(size)
         if some.any():

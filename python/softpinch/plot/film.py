@@ -70,13 +70,13 @@ def snapshots(
         times: The instants, s.
         titles: A title for each instant; by default the time.
         columns: Number of panels side by side.
-        ax: The axes to draw a single instant on; None makes a figure.
+        ax: The axes to draw a single instant on.
     """
     checks.instance("run", run, Run)
     shown = checks.array("times", times, ("k",)).tolist()
     columns = min(checks.integer("columns", columns, 1), len(shown))
-    names = checks.several("titles", titles, "texts, one for each time")
-    titles = names or [f"$t$ = {time:g} s" for time in shown]
+    titles = checks.several("titles", titles, "texts, one for each time")
+    titles = titles or [f"$t$ = {time:g} s" for time in shown]
     for title in titles:
         checks.instance("titles", title, str, "texts, one for each time")
     if len(shown) != len(titles):
@@ -134,8 +134,6 @@ def snapshot(
     Args:
         run: The run, which is computed once more, with a row at the instant.
         t: The instant, s; None takes the last one.
-        ax: The axes to draw on; None makes a figure.
-        forces: Whether to draw the forces.
     """
     checks.instance("run", run, Run)
     forces = checks.boolean("forces", forces)
@@ -178,7 +176,6 @@ def animate(
         fps: Frames per second of film, > 0; in a .gif at most 50, and its frames last whole
             hundredths of a second.
         speed: Simulated seconds per second of film, > 0.
-        forces: Whether to draw the forces.
         progress: As for `monte_carlo`; it counts frames.
         dpi: Dots per inch: the film is 5.6 inches wide.
 

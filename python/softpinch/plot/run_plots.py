@@ -1,6 +1,4 @@
-"""Figures of runs over time: of one run `motion`, `residuals`, `forces`, `contact`, and `run` with
-all; of several `disturbances`, `contact_models` and `tilt_coupling`.
-"""
+"""Figures over time, of one run and of several."""
 
 from __future__ import annotations
 
@@ -186,8 +184,7 @@ def contact(run: Run) -> Figure:
     drawn = [panel.named(FINGERS)._replace(title="") for panel in drawn]
     # The curves of all panels are those of the fingers, so one legend names them.
     columns = [Column.of(run, drawn)]
-    window = _busiest(run)
-    if window is not None:
+    if (window := _busiest(run)) is not None:
         columns.append(columns[0].zoomed(*window))
     width, height = PAGE if window else COLUMN, 1.35 * len(drawn) + 0.5
     return draw(columns, width, height, sharey="row")[0]
@@ -314,8 +311,7 @@ def _residual(run: Run, columns: Sequence[int], color: str, label: str = "") -> 
 def _gap(run: Run) -> Panel:
     """C^H of both tips: of a free tip its gap, else about zero."""
     unit = MM.finer(float(np.abs(run.residuals[:, :2]).max()))
-    names = [label("C_1H"), label("C_2H")]
-    curves = lines(run.t, run.residuals[:, :2] * unit.per_si, names)
+    curves = lines(run.t, run.residuals[:, :2] * unit.per_si, [label("C_1H"), label("C_2H")])
     return Panel(f"gap [{unit.name}]", curves, "gaps")
 
 
@@ -344,8 +340,7 @@ def _ledger(run: Run) -> Panel:
 
 
 def _closure(run: Run) -> Panel:
-    size = np.abs(run.energy.closure)
-    curve = Curve(run.t, np.where(size > 0.0, size, np.nan), {"color": BLACK})
+    curve = Curve(run.t, np.abs(run.energy.closure), {"color": BLACK})
     return Panel("|closure| [J]", [curve], decades=6)
 
 
@@ -386,9 +381,8 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
     return draw(columns, width, 1.28 * len(columns[0].panels))[0]
 
 
-def _require_runs(field: str, runs: object, least: int = 0) -> None:
+def _require_runs(field: str, runs: Mapping[str, object], least: int = 0) -> None:
     checks.instance(field, runs, Mapping, "a dictionary of runs")
-    assert isinstance(runs, Mapping)
     for name, each in runs.items():
         checks.instance(f"{field}[{checks.shown(name)}]", each, Run)
     if len(runs) < least:

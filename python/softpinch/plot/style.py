@@ -136,8 +136,7 @@ def panels(
 ) -> tuple[Figure, NDArray[Any]]:
     """A figure and its axes (rows, columns); width and height in inches."""
     figure = new(width, height)
-    axes: NDArray[Any] = figure.subplots(rows, columns, squeeze=False, **options)
-    return figure, axes
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 @contextmanager
@@ -245,7 +244,7 @@ def constant_limits(values: Floats, round_off: float) -> tuple[float, float] | N
 
 def whole_decades(axes: Axes, labels: int = 6) -> None:
     """Makes the vertical axis logarithmic over whole decades; exact zeros are not drawn."""
-    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+    from matplotlib.ticker import LogLocator, NullLocator
 
     values = np.concatenate([np.asarray(each.get_ydata(), float) for each in axes.get_lines()])
     values = values[np.isfinite(values) & (values > 0)]
@@ -256,7 +255,6 @@ def whole_decades(axes: Axes, labels: int = 6) -> None:
     axes.set_ylim(10.0**low, 10.0 ** max(high, low + 1.0))
     axes.set_yscale("log", nonpositive="mask")
     axes.yaxis.set_major_locator(LogLocator(numticks=labels))
-    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_locator(NullLocator())
 
 

@@ -1,7 +1,6 @@
 """Figures over time, described as data: columns of panels with curves, above bands of modes.
 
-A caller lists `Column`s of `Panel`s of `Curve`s; `draw` makes the axes and draws them. A run with
-unilateral contact has two bands below its column, which show the mode of each tip over time.
+A run with unilateral contact has two bands below its column, one for each tip.
 """
 
 from __future__ import annotations
@@ -57,12 +56,7 @@ COLORS: Mapping[ContactMode, str] = {
     ContactMode.GRAZE: s.BLACK,
     ContactMode.FREE: s.BLUE,
 }
-LABELS: Mapping[ContactMode, str] = {
-    ContactMode.STICK: "tip sticks",
-    ContactMode.SLIP: "slips",
-    ContactMode.GRAZE: "grazes",
-    ContactMode.FREE: "free",
-}
+LABELS = dict(zip(COLORS, ("tip sticks", "slips", "grazes", "free"), strict=True))
 # Modes that last too short to be seen are drawn as lines of this width, in points; where such lines
 # meet, the mode that is later in `COLORS` hides the others.
 _SHORTEST = 0.7
@@ -271,8 +265,8 @@ def legend_of_modes(figure: Figure, modes: Collection[ContactMode], ax: Axes | N
     from matplotlib.patches import Patch
 
     handles = [
-        Patch(facecolor=COLORS[mode], edgecolor="0.15", linewidth=0.4, label=LABELS[mode])
-        for mode in COLORS
+        Patch(facecolor=COLORS[mode], edgecolor="0.15", linewidth=0.4, label=label)
+        for mode, label in LABELS.items()
         if mode in modes
     ]
     if ax is not None and handles:

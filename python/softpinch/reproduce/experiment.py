@@ -69,12 +69,7 @@ class Runs:
 
 
 def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
-    """Simulates all scenes.
-
-    Args:
-        dt: Longest step, s.
-        progress: Called before each simulation.
-    """
+    """Simulates all scenes with the longest step dt, s; calls `progress` before each of them."""
     dt = checks.positive("dt", dt)
     checks.function("progress", progress)
     # The simulations are this share of the progress, the figures the rest.

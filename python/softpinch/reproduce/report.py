@@ -1,7 +1,4 @@
-"""`reproduce`: its tables for CSV files, its figures, and its verdicts on the screen (needs `cli`).
-
-The figures are Figures 4 to 7 of the paper, and five that it does not have.
-"""
+"""`reproduce`: its tables for CSV files, its figures, and its verdicts on the screen."""
 
 from __future__ import annotations
 

@@ -158,8 +158,7 @@ class Simulator(Stepped):
             period: Time for which the torques of one `step` are held, s.
             dt, method, formulation, stabilization, stop_on: As for `simulate`.
         """
-        how = (dt, method, formulation, stabilization)
-        super().__init__(scene, period, *how, stop_on=stop_on)
+        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on=stop_on)
         self._core = _core.Simulator.alone(Request(scene, self._options).simulation(), self._period)
         self._start: State | None = None
         self._force = (0.0, 0.0, 0.0)
@@ -187,9 +186,7 @@ class Simulator(Stepped):
     def reset(self, state: State | None = None) -> Observation:
         """Puts the run at its start, and takes away the force of `set_force`.
 
-        Args:
-            state: Start from this state, and last for the scene's duration from its time on; None
-                starts as the scene does.
+        From a given `state` it lasts for the scene's duration, counted from the state's time.
         """
         self._core.reset(0, None if state is None else self._checked("state", state))
         self._start, self._force = state, (0.0, 0.0, 0.0)
@@ -220,9 +217,8 @@ class Simulator(Stepped):
     def set_force(self, force: ArrayLike = (0.0, 0.0), moment: float = 0.0) -> None:
         """Sets an external force on the object, held from the next step on until it is set again.
 
-        Args:
-            force: (F_x, F_y) at the centre of gravity, N, beside the scene's disturbances.
-            moment: Moment, counter-clockwise, N m.
+        It is (F_x, F_y) at the centre of gravity, N, and a counter-clockwise moment, N m, beside
+        the scene's disturbances.
         """
         found = (*checks.pair("force", force), checks.finite("moment", moment))
         self._core.set_force(0, found)
@@ -375,8 +371,7 @@ class VectorSimulator(Stepped):
                 at every step, so that it pays from about 2500 integration steps a call on, for
                 example 250 runs and 10 steps a period.
         """
-        how = (dt, method, formulation, stabilization)
-        super().__init__(scene, period, *how, stop_on=stop_on)
+        super().__init__(scene, period, dt, method, formulation, stabilization, stop_on=stop_on)
         threads = checks.integer("threads", threads, 1, 4096)
         n = checks.integer("n", n, 1, _MOST)
         spec = StudySpec.checked(scene, self._options, runs=n, seed=seed, vary=vary, summaries=())

@@ -498,8 +498,7 @@ class Episodes:
         strayed = ~failed & task.strayed(seen, target)
         lost = going & (failed | strayed)
         now = Transition(seen, target, ahead, action, self._torque, before, lost)
-        shape = (self.n, len(self.measures))
-        measured = _computed("measure()", task.measure(now), shape)
+        measured = _computed("measure()", task.measure(now), (self.n, len(self.measures)))
         observation = np.clip(measured / self._scales, -LIMIT, LIMIT)
         info: dict[str, NDArray[Any]] = {
             "time": seen.t.copy(),
