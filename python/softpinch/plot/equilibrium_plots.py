@@ -181,12 +181,9 @@ def _maps(map: EquilibriumMap) -> Figure:
         else:
             each.set_title(name)
         extra = _boundaries(each, map, left, bottom)
-        each.set(xlim=left[[0, -1]], ylim=bottom[[0, -1]])
+        each.set(xlim=left[[0, -1]], ylim=bottom[[0, -1]], xlabel=across, ylabel=up)
+        each.label_outer()
         s.tag(each, "abcd"[k])
-    for each in axes[-1]:
-        each.set_xlabel(across)
-    for each in axes[:, 0]:
-        each.set_ylabel(up)
     _legend(figure, map, extra)
     return figure
 

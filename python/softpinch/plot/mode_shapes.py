@@ -155,13 +155,11 @@ def compliance(found: Equilibrium, frequency_hz: ArrayLike | None = None) -> Fig
     from matplotlib.ticker import MultipleLocator
 
     figure, axes = panels(2, 2, PAGE, 3.6, sharex=True, height_ratios=[1.6, 1.0])
-    angle = r"$\theta$ over the moment"
-    for column, (names, unit, scale) in enumerate(
-        (
-            ({0: "$x$ over $F_x$", 1: "$y$ over $F_y$"}, "mm/N", MM.per_si),
-            ({2: angle}, "deg/(N m)", DEG.per_si),
-        )
-    ):
+    plans = (
+        ({0: "$x$ over $F_x$", 1: "$y$ over $F_y$"}, "mm/N", MM.per_si),
+        ({2: r"$\theta$ over the moment"}, "deg/(N m)", DEG.per_si),
+    )
+    for column, (names, unit, scale) in enumerate(plans):
         upper, lower = axes[:, column]
         for k, name in names.items():
             own = response[:, k, k]

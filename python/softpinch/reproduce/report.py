@@ -212,9 +212,8 @@ class Reproduction:
 
         console = Console(highlight=False, markup=False)
         console.print(Text(paper.PARAMETER_NOTE, style="italic"))
-        named = {"the operations": self.runs.operations}
-        named |= {f"({case})": run for case, run in self.runs.cases.items()}
-        for what, run in named.items():
+        cases = {f"({case})": run for case, run in self.runs.cases.items()}
+        for what, run in {"the operations": self.runs.operations, **cases}.items():
             noted = [f"{name} first at {time:.6g} s" for name, time in run.violations.items()]
             ended = f"{what}: {run.status}; noted: {', '.join(noted) or 'nothing'}"
             console.print(ended, soft_wrap=True)
