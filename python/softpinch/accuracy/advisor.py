@@ -111,7 +111,7 @@ class Advice(Result):
         tolerance: The required accuracy.
         met: Whether the advised settings meet the tolerance. If no pair met it, they are those of
             the run with which the trials were compared, and the errors are inf.
-        formulation, method: As of `simulate`.
+        formulation: As of `simulate`, and so is `method`.
         dt: The longest of equal steps, s; None if adaptive steps are advised.
         step_tolerance: The tolerance of adaptive steps; None if equal steps are advised.
         error: "q", "p", "multipliers" -> error, the largest along the run, each component divided
@@ -122,8 +122,8 @@ class Advice(Result):
         confirmed: Difference at the end (if a violation ends the run, a step earlier) from a run by
             another method with adaptive steps at a smaller tolerance, the largest of q, p and
             lambda. The tolerance is met only if this difference is within it.
-        equal, adaptive: The quickest pair with equal and that with adaptive steps; or the one given
-            up with the least predicted time; or None.
+        equal: The quickest pair with equal steps, as `adaptive` with adaptive steps; or the one
+            given up with the least predicted time; or None.
         tried: Length of the part of the scene, from its start, on which the pairs were tried, s.
         untried: The pairs that the budget did not allow to try, such as "csm rk4, dt".
         stabilization: The gains with which "csm" was tried.

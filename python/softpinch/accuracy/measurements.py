@@ -36,7 +36,7 @@ class Measurement(Result):
 
     Attributes:
         solver: Formulation and method, such as "nullspace rk4"; or the name of a `Peer`.
-        formulation, method: As of `simulate`; "" for a peer.
+        formulation: As of `simulate`, and so is `method`; "" for a peer.
         setting: "dt", "tolerance", or the name of a peer's setting.
         value: Value of the setting; dt in s.
         status: How the run ended; "not_run" if it would have taken too long.
@@ -46,11 +46,11 @@ class Measurement(Result):
             inputs.
         at_switches: Likewise, at the switches and in the first hundredth of the time from each
             switch to the next; empty without switches.
-        holonomic, nonholonomic: Largest |C^H|, m, and |C^N|, m/s.
+        holonomic: Largest |C^H|, m; `nonholonomic` is the largest |C^N|, m/s.
         closure: Largest error of the energy ledger, as a share of the exchanged energy.
         time: CPU time of a run that keeps only its end, after a warm-up, s: the median.
         quartiles: First and third quartile of these times, s.
-        evaluations, factorisations, steps: As in `Run.stats`.
+        evaluations: As in `Run.stats`, and so are `factorisations` and `steps`.
         order: Observed order of convergence of `along`, from the next longer step; nan if there is
             none, or a run failed. It exceeds the method's order if that step is too long.
         expected_order: The method's order; 0 for adaptive steps and peers.
@@ -212,12 +212,12 @@ class StabilizationSweep(Result):
     """Effect of the gains of (19, 20) at one step: constraint drift, and error of the motion.
 
     Attributes:
-        dt, method: The step, s, and how time is stepped.
+        dt: The step, s, of the `method`.
         product: Gain times step, alpha dt = beta dt, (k,).
         status: Status of each run (k,).
         holonomic: Largest |C^H| along each run (k,), m; inf if the run did not complete.
         nonholonomic: Largest |C^N| along each run (k,), m/s; inf if the run did not complete.
-        error, multipliers: Largest error of q and p, and of lambda, along each run (k,), each
+        error: Largest error of q and p, as `multipliers` of lambda, along each run (k,), each
             component divided by its largest magnitude; inf if the run did not complete.
         without: The four results of a run with "nullspace", or with "projected" in unilateral
             contact, which have no gains: "holonomic", "nonholonomic", "q and p", "multipliers".

@@ -181,7 +181,7 @@ class StableStep(Result):
     """The longest stable step for a scene, a formulation and a method.
 
     Attributes:
-        method, formulation: As for `simulate`.
+        method: As for `simulate`, and so is `formulation`.
         predicted: Longest step by the eigenvalues along the run and the method's stability region,
             s; inf for a method that is stable for every step.
         t: The instant whose eigenvalues allow the shortest step, s.

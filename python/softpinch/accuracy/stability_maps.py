@@ -50,7 +50,7 @@ class StabilityMap(Result):
         label: Axis label for figures.
         unit: Unit of `values`; "1" if they have none.
         scale: Spacing of the axis in figures: "linear", "log", "logit" or "right_angle".
-        values, dt, pairs: As of `stability_map`; dt (d,), s.
+        values: As of `stability_map`, and so are `dt` (d,), s, and `pairs`.
         status: Status of each run (pairs, v, d); "not_run" if it would have taken more than
             `max_steps` steps.
         error: Error of each run at the end (pairs, v, d), the larger of q and p, each component
@@ -64,7 +64,7 @@ class StabilityMap(Result):
         floor: Difference between the reference's two methods (v,), scaled as `error`, below which
             errors are meaningless; if they end early, the difference of their end times as a share
             of the time until then; inf without a reference.
-        scene, stabilization, max_steps: As of `stability_map`.
+        scene: As of `stability_map`, and so are `stabilization` and `max_steps`.
     """
 
     axis: str

@@ -80,7 +80,7 @@ class Experiment(Result):
         scene: The scene, before the fit.
         times: The measured instants (n,), s, on the clock of the scene's start.
         observables: Names of what was measured, as given -> the names of its columns.
-        columns, units: The names of all c columns, and their units.
+        columns: The names of all c columns, which have the `units`.
         data: What was measured (n, c), in SI units; NaN where nothing was.
         noise: The standard deviation of each column's noise (c,); NaN before it is estimated.
         estimated: Whether the noise is estimated from the residuals (c,).

@@ -22,9 +22,9 @@ class LawFit(Result):
 
     Attributes:
         law: The law, for `Fingertip(law=...)`.
-        compression, force: The measured d_n, m, and F, N, (k,) each.
+        compression: The measured d_n, m; `force` is the measured F, N, (k,) each.
         fitted: The law's F at these compressions (k,), N.
-        names, values: The law's fitted numbers; none of a `MeasuredLaw`.
+        names: The law's fitted numbers, which have the `values`; none of a `MeasuredLaw`.
         intervals: Intervals of 95 % about them (numbers, 2), from the scatter of the forces, which
             is taken as equal and independent.
         misfit: The largest difference between fitted and measured forces over the largest force.

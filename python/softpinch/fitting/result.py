@@ -66,7 +66,7 @@ class Fit(Result):
         at_bound: The paths whose values are at a bound. Their errors are those of the linearised
             problem without bounds, and too large on the side of the bound.
         experiments: Each experiment with data, noise and fitted motion.
-        options, loss: How the runs were simulated, and the loss of `fit`.
+        options: How the runs were simulated; `loss` is that of `fit`.
         chi_squared: The sum of the squared residuals over their noise, without the loss.
         degrees_of_freedom: The number of measurements minus p.
         starts: The number of starts whose runs did not fail.
@@ -388,7 +388,7 @@ class Profile(Result):
     """The profile likelihood of one fitted number.
 
     Attributes:
-        path, level: Its path, and the level of the interval.
+        path: Its path; `level` is that of the interval.
         interval: (low, high) of the number. An end may be its bound, which may be infinite; see
             `closed`.
         closed: Whether the interval ends before the bound, or before a value with failed runs, on

@@ -43,7 +43,7 @@ class ErrorEstimate(Result):
         q: Estimated |error| of q at each recorded row, (n, 9), m and rad; None if the state was not
             recorded. It is inf in rows that the finer runs lack, such as the last row of a run
             that a violation ended, and with adaptive steps the rows at which a contact changes.
-        p, multipliers: Likewise of p, (n, 9), m/s and rad/s, and of lambda, (n, 4), N.
+        p: Likewise, (n, 9), m/s and rad/s; `multipliers` has that of lambda, (n, 4), N.
         largest: "q", "p", "multipliers" -> the largest error over components and the rows that have
             an estimate, each component scaled by its largest magnitude along the run. It is inf if
             the runs did not end alike.

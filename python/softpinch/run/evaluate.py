@@ -22,7 +22,7 @@ class Forces(Result):
     """Generalised forces (9,) in the order of q, N and N m.
 
     Attributes:
-        elastic, gravity: Minus the gradients of P (5) and of P_g (16).
+        elastic: Minus the gradient of P (5), as `gravity` is that of P_g (16).
         viscous: The viscous forces of the fingertips (44, 45).
         control: The PID torques (39), or the driving torques of "driven" fingers.
         external: The disturbances at this instant, without impulses.
@@ -64,7 +64,7 @@ class Evaluation(Result):
         constraint_rate: b = (dPhi/dt) p, (4,), m/s^2.
         residuals: C^H (9), m, and C^N (12), m/s, (4,).
         residual_rates: dC^H/dt, (2,), m/s.
-        forces, energies: All forces except the constraint forces, and the energies.
+        forces: All forces except the constraint forces; `energies` are those of (5), (14) and (16).
         multipliers: lambda (4,), N.
         accelerations: dp/dt, (9,), m/s^2 and rad/s^2.
         target: Target angles theta_1^d and theta_2^d, (2,), rad.

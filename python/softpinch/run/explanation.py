@@ -45,7 +45,7 @@ class Explanation(Result):
     """The size and the cost of the computation that a scene compiles to. `print` shows a report.
 
     Attributes:
-        formulation, method: As of `simulate`.
+        formulation: As of `simulate`, and so is `method`.
         fingers: "pid", "torque", "sampled" or "driven".
         simd: The processor instructions that the core uses.
         degrees: Number of velocities that the equations are solved for.

@@ -20,7 +20,7 @@ class EnergyLedger(Result):
     `closure` checks both the works and the motion.
 
     Attributes:
-        kinetic, elastic, gravity: p^T M p / 2, P of (5) and P_g of (16), zero if the hand moves.
+        kinetic: p^T M p / 2; `elastic` is P of (5), `gravity` P_g of (16), zero if the hand moves.
         controller_work: Work of the torques on the fingers, (39) or driving.
         external_work: Work of the disturbances, including impulses.
         viscous_loss: Energy dissipated in the fingertips (44, 45), positive.

@@ -37,8 +37,8 @@ class Run(Shown):
 
     Attributes:
         scene: The simulated scene.
-        dt, tolerance, method, formulation, stabilization, record, every, stop_on: As of `simulate`,
-            with defaults put in; dt, s, or tolerance is None, whichever did not set the steps.
+        dt: As of `simulate`, s, and so are `tolerance`, `method`, `formulation`, `stabilization`,
+            `record`, `every` and `stop_on`; dt or tolerance is None if it did not set the steps.
         t: Recorded instants (n,), s.
         status: "completed"; the violation of `stop_on` that ended the run: "separated", "crushed",
             "folded", "pulling", "slipping", "rim", "off_face" or "opened"; or "not_finite",

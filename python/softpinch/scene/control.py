@@ -41,7 +41,7 @@ class Pid(Record):
     Those of a `Jaw` are in N/m, N s/m and N/(m s).
 
     Attributes:
-        kp, kd, ki: K_P, N m/rad; K_D, N m s/rad; and K_I, N m/(rad s).
+        kp: K_P, N m/rad; `kd` is K_D, N m s/rad, and `ki` is K_I, N m/(rad s).
     """
 
     kp: float = 100.0
@@ -123,8 +123,8 @@ class SampledController(Law):
             the later instant. Torques act `delay` after that.
         loss: Probability, below 1, with which the measurements of a sample are lost, and those of
             the sample before it are used again. The first sample is never lost.
-        jitter, jitter_kind: How late samples are, s, below the period: "uniform" from 0 to
-            `jitter`; or if "normal", the size of a normal number with this deviation, at most 0.999
+        jitter: How late samples are, s, below the period: with `jitter_kind` "uniform" from 0 to
+            it; or with "normal" the size of a normal number with this deviation, at most 0.999
             periods. No sample overtakes another one. Delays begin at the late sample.
         rate_limit: Largest change of a torque in one period, divided by it, N m/s; None: no limit.
         dead_zone: Half the width of a dead zone of measurements, given as `measure_noise`: y

@@ -195,9 +195,9 @@ class Sine(_Plain):
     """F sin(2 pi f (t - time) + phase) from `time` until `time + duration`, or without end.
 
     Attributes:
-        frequency_hz, phase: Frequency f, Hz, and phase at `time`, rad.
-        force, moment: Amplitudes (F_x, F_y), N, and that of the counter-clockwise moment, N m.
-        time, duration: Start and length, s; a length of None never ends.
+        frequency_hz: Frequency f, Hz; `phase`, rad, is at `time`.
+        force: Amplitudes (F_x, F_y), N; `moment` is that of the counter-clockwise moment, N m.
+        time: Start, s; a `duration`, s, of None never ends.
     """
 
     frequency_hz: float
@@ -273,7 +273,7 @@ class Noise(_Plain):
             fixed axes, m/s^2, or a pair with one for each: shaking of the base, beside the motion
             of a scene that has one. `Run.hand` is the motion without it.
         rate_hz: Samples per second, Hz. Integration steps end at every sample.
-        time, duration: Start and length, s; a length of None never ends.
+        time: Start, s; a `duration`, s, of None never ends.
         seed: Seed of the random numbers, from 0 to 2^64 - 1.
         run: Run number, from 0 to 2^64 - 1; noises of different runs are independent.
     """

@@ -105,12 +105,12 @@ class Fingertip(Record):
     Attributes:
         radius: a, m.
         youngs_modulus: E, Pa.
-        normal_viscosity, tangential_viscosity: c_n and c_t, N s/m.
+        normal_viscosity: c_n, as `tangential_viscosity` is c_t, N s/m.
         tilt_coupling: kappa, the factor of d_n^2 d_t tan(theta_p) in (5). +1 is the printed
             equation, -1 follows from the paper's springs together with its kinematics, 0 omits
             the term.
-        normal_mass, tangential_mass: m_n and m_t, the masses that move with the compression d_n
-            and the shear d_t (14), kg. None uses the object's mass, as the paper does, and follows
+        normal_mass: m_n, the mass that moves with the compression d_n, as `tangential_mass`, m_t,
+            with the shear d_t (14), kg. None uses the object's mass, as the paper does, and follows
             its changes.
         law: A `PowerLaw` or a `MeasuredLaw`, which takes the place of (5). None is (5), and so is
             `ParallelSprings`, whose modulus becomes that of the tip.
@@ -155,7 +155,7 @@ class Hand(Record):
     """Two fingers with their fingertips.
 
     Attributes:
-        right, left: Finger 1 and finger 2, each a `Finger`, a `Jaw` or a `Parallelogram`.
+        right: Finger 1, as `left` is finger 2: a `Finger`, a `Jaw` or a `Parallelogram`.
         tip: One fingertip for both fingers, or a pair (right, left).
     """
 
@@ -204,8 +204,8 @@ class GraspedObject(Record):
         height: Height of the faces, half of it on each side of the centre of gravity, m. A contact
             beyond their ends is reported as the violation "off_face"; it changes nothing in the
             motion. None is faces without an end.
-        right, left: The sides that finger 1 and finger 2 touch: a `Face` or an `Arc`. None is a
-            face parallel to the other one.
+        right: The side that finger 1 touches, as `left` is that of finger 2: a `Face` or an `Arc`.
+            None is a face parallel to the other one.
     """
 
     width: float = 0.049

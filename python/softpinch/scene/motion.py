@@ -65,9 +65,9 @@ class HandState(Result):
 
     Attributes:
         position: Place of the frame's origin, the middle of the finger roots (..., 2), m.
-        velocity, acceleration: Its rates (..., 2), m/s and m/s^2; at a jump those after it.
+        velocity: Its rate (..., 2), m/s; `acceleration` is the next, m/s^2, at a jump after it.
         tilt: Angle phi of the frame, counter-clockwise (...), rad.
-        tilt_rate, tilt_acceleration: Its rates (...), rad/s and rad/s^2; likewise.
+        tilt_rate: Its rate (...), rad/s; `tilt_acceleration`, rad/s^2, likewise.
     """
 
     position: Floats
