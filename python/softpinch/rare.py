@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -115,7 +114,7 @@ def rare_event(
     summaries: Summary | Sequence[Summary] = (),
     threads: int | None = None,
     progress: bool | Report = True,
-    store: str | PathLike[str] | None = None,
+    store: str | Path | None = None,
     **options: Any,
 ) -> RareEvent:
     """The probability of a rare event in runs of a scene, such as the loss of the object.
@@ -301,7 +300,7 @@ class _Runner:
             warn(batch.warning, StabilityWarning)
 
     @contextmanager
-    def keeping(self, store: str | PathLike[str] | None) -> Iterator[None]:
+    def keeping(self, store: str | Path | None) -> Iterator[None]:
         """Reads the runs in a folder, and writes others there, a part for each call."""
         if store is None:
             yield
