@@ -217,7 +217,47 @@ def ensembles(scene: sp.Scene, threads: int) -> list[Work]:
         ensemble(noisy, ", with a sample of noise in each", threads),
         ensemble(sampled, ", with a `SampledController` (PD)", threads),
         ensemble(late, ", with the same and a delay of 1.4 ms", threads),
+        *two_rates(sampled, threads),
     ]
+
+
+def two_rates(scene: sp.Scene, threads: int) -> list[Work]:
+    """A camera at 31 Hz before the PD of a scene, in the core and in NumPy."""
+    frame, late, gain, apart = 32, 30, 8.0, np.array([[1.0], [-1.0]])  # periods
+    servo, targets = scene.control, scene.schedule.target(0.0)
+    assert isinstance(servo, sp.SampledController)
+    camera = sp.SampledController(
+        frame * PERIOD,
+        A=np.eye(1),
+        B=np.array([[frame * PERIOD, 0.0, 0.0]]),
+        C=gain * apart,
+        D=np.hstack([np.zeros((2, 1)), np.eye(2)]),
+        measures=("rotation", "target"),
+        measure_delay=late * PERIOD,
+        initial_torque=(float(targets[0]), float(targets[1])),
+    )
+    both = replace(scene, control=sp.SampledController.cascade([camera, servo]))
+    in_core = ensemble(both, ", with a camera at 31 Hz and the PD at 1 kHz", threads)
+    free = replace(scene, control=sp.Torque(), schedule=sp.Schedule.steps([0.0], [[GRIP, GRIP]]))
+    sims = sp.VectorSimulator(free, COMPARED, PERIOD, DT, threads=threads)
+    periods = 100
+
+    def work() -> None:
+        seen, turned = sims.observations, np.zeros((periods, COMPARED, 1))
+        integral = np.zeros((COMPARED, 1))
+        for k in range(periods):
+            turned[k] = seen.q[:, 2:3]
+            if k % frame == 0 and k >= late:
+                integral += frame * PERIOD * turned[k - late]
+            wanted = targets + gain * integral * apart.T
+            seen = sims.step(
+                np.clip(4.0 * (wanted - seen.q[:, 3:5]) - 0.05 * seen.p[:, 3:5], -3, 3)
+            )
+        if (seen.status != "running").any():
+            raise RuntimeError("an environment has ended")
+
+    name = f"the same camera and PD in NumPy, {COMPARED} environments"
+    return [in_core, Work(name, sims.reset, work, periods * COMPARED, threads=threads)]
 
 
 def ensemble(scene: sp.Scene, what: str, threads: int, n: int = COMPARED) -> Work:
