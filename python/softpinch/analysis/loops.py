@@ -11,7 +11,13 @@ import numpy as np
 from ..run.stiffness import MEASURED
 from ..scene.control import WRITTEN, SampledController, Torque
 from ..scene.fields import RATE_UNITS
-from ..scene.loop_matrix import MOST_UNDER_WAY, common_period, factors, measured
+from ..scene.loop_matrix import (
+    MOST_UNDER_WAY,
+    NEUTRAL,
+    common_period,
+    measured,
+    spectral_radius,
+)
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..support import checks
@@ -22,7 +28,6 @@ from .states import OUTPUTS
 
 # Larger rates of coordinates, m/s and rad/s, are those of a state that moves.
 _MOVES = np.where(np.array(RATE_UNITS) == "rad/s", 0.05, 1e-3)
-_NEUTRAL = 1e-8  # a radius that is above 1 by less is that of a mode that does not grow
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -71,8 +76,7 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
     def radius(**changes: object) -> float:
         blocks[block] = replace(own, **changes)  # type: ignore[arg-type]
         found = measured(control, MEASURED, model.C, model.D)
-        whole = SampledController.cascade(blocks)
-        return float(np.abs(factors(whole, model.A, model.B, found)).max())
+        return spectral_radius(SampledController.cascade(blocks), model.A, model.B, found)
 
     gains = {name: np.asarray(getattr(own, name)) for name in "CD"}
     step, most = 0.5 * own.period, int(2.0 * (MOST_UNDER_WAY - own.delay / own.period))
@@ -87,13 +91,13 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
 
 def _first(radius: Callable[[float], float], most: int) -> float:
     """The number of steps from which the radius shows an unstable loop."""
-    high = next((k for k in range(most + 1) if not radius(k) < 1.0 + _NEUTRAL), math.inf)
+    high = next((k for k in range(most + 1) if not radius(k) < 1.0 + NEUTRAL), math.inf)
     if high in (0, math.inf):
         return math.inf if high else math.nan
     low = high - 1.0
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if radius(middle) < 1.0 + _NEUTRAL else (low, middle)
+        low, high = (middle, high) if radius(middle) < 1.0 + NEUTRAL else (low, middle)
     return low
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..run.request import rest_scene
 from ..run.stiffness import MEASURED
 from ..scene.control import WRITTEN, Pid, SampledController
-from ..scene.loop_matrix import common_period, driving, factors, measured
+from ..scene.loop_matrix import NEUTRAL, common_period, driving, factors, measured
 from ..scene.motion import HandMotion
 from ..scene.parts import branches
 from ..scene.scene import Scene, State, inputs
@@ -26,8 +26,6 @@ _Found: TypeAlias = dict[str, Any]  # by the core
 _STEP, _SMALL, _MOST = 1e-6, 1e-9, 60
 # Scaled equations with a smaller singular value have no unique solution.
 _SINGULAR = 1e-7
-# A mode whose factor in a period is so close to 1 is hidden by round-off.
-_NEUTRAL = 1e-8
 
 
 def sampled_rest(
@@ -147,4 +145,4 @@ def sampled_eigenvalues(
     seen = measured(control, MEASURED, c, plant["D"][0][:, :2])
     found = factors(control, a[rows], plant["B"][0][rows, :2], seen)
     rates = np.log(found[found != 0.0]) / period
-    return np.hstack([np.zeros(2), rates[np.argsort(-rates.real)]]), _NEUTRAL / period
+    return np.hstack([np.zeros(2), rates[np.argsort(-rates.real)]]), NEUTRAL / period

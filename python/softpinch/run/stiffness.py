@@ -15,7 +15,7 @@ import numpy as np
 from .. import _core
 from ..scene import SampledController, Schedule
 from ..scene.contact import without_drift
-from ..scene.loop_matrix import common_period, factors, measured
+from ..scene.loop_matrix import common_period, measured, spectral_radius
 from ..scene.scene import Scene, inputs
 from ..support.arrays import Complexes, Floats
 from ..support.choices import Method
@@ -214,4 +214,4 @@ def radius(scene: Scene, t: float, q: Floats, p: Floats, torque: Floats) -> floa
         np.array([t]), q[None], p[None], np.zeros((1, 2)), inputs=held, whole=True, open_loop=True
     )
     a, b, c, d = plant["A"][0], plant["B"][0][:, :2], plant["C"][0], plant["D"][0][:, :2]
-    return float(np.abs(factors(control, a, b, measured(control, MEASURED, c, d))).max())
+    return spectral_radius(control, a, b, measured(control, MEASURED, c, d))

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # With more torques under way the matrix of the loop is too large to compute.
 MOST_UNDER_WAY = 50
+# A mode whose factor in a period is so close to 1 neither grows nor decays: that is round-off.
+NEUTRAL = 1e-8
 # A common period has at most so many periods of the last block.
 _MOST_SAMPLES = 2000
 # Instants that are closer than this share of a period are one.
@@ -74,6 +76,13 @@ def factors(
     if not np.isfinite(loop).all():
         return np.full(len(loop), complex(np.nan, np.nan))
     return np.linalg.eigvals(loop).astype(complex)
+
+
+def spectral_radius(
+    control: SampledController, a: Floats, b: Floats, measures: Sequence[tuple[Floats, Floats]]
+) -> float:
+    """The largest magnitude of the `factors`; nan if a number overflows."""
+    return float(np.abs(factors(control, a, b, measures)).max())
 
 
 def _matrix(
@@ -184,5 +193,5 @@ def growth(scene: Scene, control: SampledController) -> float:
     with np.errstate(all="ignore"):
         b[2:] = np.diag([1.0 / (f.mass if isinstance(f, Jaw) else f.inertia) for f in fingers])
     found = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
-    factor = float(np.abs(factors(control, a, b, found)).max())
+    factor = spectral_radius(control, a, b, found)
     return 0.0 if math.isnan(factor) else factor
