@@ -14,13 +14,5 @@ from .accuracy.null_space import PARAMETERS, Equations, parameters, right_hand_s
 from .accuracy.reference import Reference, confirmed, solve
 from .accuracy.segments import METHODS
 
-__all__ = [
-    "METHODS",
-    "PARAMETERS",
-    "Equations",
-    "Reference",
-    "confirmed",
-    "parameters",
-    "right_hand_side",
-    "solve",
-]
+__all__ = ["METHODS", "PARAMETERS", "Equations", "Reference", "confirmed", "parameters"]
+__all__ += ["right_hand_side", "solve"]

@@ -10,19 +10,6 @@ from .precision import stabilization_sweep, work_precision
 from .stability import Modes, StableStep, max_stable_dt, modes
 from .stability_maps import StabilityMap, stability_map
 
-__all__ = [
-    "Advice",
-    "Measurement",
-    "Modes",
-    "Peer",
-    "StabilityMap",
-    "StabilizationSweep",
-    "StableStep",
-    "WorkPrecision",
-    "advise",
-    "max_stable_dt",
-    "modes",
-    "stability_map",
-    "stabilization_sweep",
-    "work_precision",
-]
+__all__ = ["Advice", "Measurement", "Modes", "Peer", "StabilityMap", "StabilizationSweep"]
+__all__ += ["StableStep", "WorkPrecision", "advise", "max_stable_dt", "modes", "stability_map"]
+__all__ += ["stabilization_sweep", "work_precision"]

@@ -11,19 +11,6 @@ from .loops import Loop, loop
 from .rest import Equilibrium, equilibrium
 from .wrench import WrenchLimits, wrench_limits
 
-__all__ = [
-    "CarryLimits",
-    "Equilibrium",
-    "EquilibriumMap",
-    "Grip",
-    "LinearModel",
-    "Loop",
-    "WrenchLimits",
-    "carry_limits",
-    "equilibrium",
-    "equilibrium_map",
-    "grip",
-    "linearize",
-    "loop",
-    "wrench_limits",
-]
+__all__ = ["CarryLimits", "Equilibrium", "EquilibriumMap", "Grip", "LinearModel", "Loop"]
+__all__ += ["WrenchLimits", "carry_limits", "equilibrium", "equilibrium_map", "grip", "linearize"]
+__all__ += ["loop", "wrench_limits"]

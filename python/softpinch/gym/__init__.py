@@ -27,17 +27,8 @@ from gymnasium.envs.registration import register, registry  # noqa: E402
 
 from .environments import PinchEnv, PinchVectorEnv  # noqa: E402
 
-__all__ = [
-    "Episode",
-    "FollowPath",
-    "HoldAgainstPushes",
-    "HoldWithLeastGrip",
-    "Measure",
-    "PinchEnv",
-    "PinchVectorEnv",
-    "Task",
-    "Transition",
-]
+__all__ = ["Episode", "FollowPath", "HoldAgainstPushes", "HoldWithLeastGrip", "Measure", "PinchEnv"]
+__all__ += ["PinchVectorEnv", "Task", "Transition"]
 
 ID = "softpinch/Pinch-v0"
 # A second import, for example after a reload, finds it registered already.

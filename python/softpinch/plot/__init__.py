@@ -25,33 +25,8 @@ from .run_plots import (
 )
 from .style import save, styled
 
-__all__ = [
-    "animate",
-    "carry_limits",
-    "compliance",
-    "contact",
-    "contact_models",
-    "disturbances",
-    "equilibria",
-    "failure_times",
-    "fit",
-    "forces",
-    "histogram",
-    "importance",
-    "law",
-    "modes",
-    "motion",
-    "rare_event",
-    "residuals",
-    "run",
-    "save",
-    "snapshot",
-    "snapshots",
-    "stability_map",
-    "stabilization_sweep",
-    "styled",
-    "success_map",
-    "tilt_coupling",
-    "work_precision",
-    "wrench_limits",
-]
+__all__ = ["animate", "carry_limits", "compliance", "contact", "contact_models", "disturbances"]
+__all__ += ["equilibria", "failure_times", "fit", "forces", "histogram", "importance", "law"]
+__all__ += ["modes", "motion", "rare_event", "residuals", "run", "save", "snapshot", "snapshots"]
+__all__ += ["stability_map", "stabilization_sweep", "styled", "success_map", "tilt_coupling"]
+__all__ += ["work_precision", "wrench_limits"]

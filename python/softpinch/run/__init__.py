@@ -12,20 +12,6 @@ from .run import Run
 from .sensitivity import Sensitivity, SensitivityState
 from .simulate import simulate
 
-__all__ = [
-    "ContactChange",
-    "ContactMode",
-    "Energies",
-    "EnergyLedger",
-    "ErrorEstimate",
-    "Evaluation",
-    "Explanation",
-    "Forces",
-    "Run",
-    "Sensitivity",
-    "SensitivityState",
-    "Term",
-    "evaluate",
-    "explain",
-    "simulate",
-]
+__all__ = ["ContactChange", "ContactMode", "Energies", "EnergyLedger", "ErrorEstimate"]
+__all__ += ["Evaluation", "Explanation", "Forces", "Run", "Sensitivity", "SensitivityState", "Term"]
+__all__ += ["evaluate", "explain", "simulate"]

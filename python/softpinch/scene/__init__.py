@@ -13,32 +13,7 @@ from .scene import Scene, State
 from .schedule import Schedule
 from .stabilization import Stabilization
 
-__all__ = [
-    "Arc",
-    "Disturbance",
-    "Face",
-    "Finger",
-    "Fingertip",
-    "GraspedObject",
-    "Hand",
-    "HandMotion",
-    "Impulse",
-    "Jaw",
-    "Maxwell",
-    "MeasuredLaw",
-    "Noise",
-    "ParallelSprings",
-    "Parallelogram",
-    "Pid",
-    "PowerLaw",
-    "Pulse",
-    "Sampled",
-    "SampledController",
-    "Scene",
-    "Schedule",
-    "Sine",
-    "Stabilization",
-    "State",
-    "Step",
-    "Torque",
-]
+__all__ = ["Arc", "Disturbance", "Face", "Finger", "Fingertip", "GraspedObject", "Hand"]
+__all__ += ["HandMotion", "Impulse", "Jaw", "Maxwell", "MeasuredLaw", "Noise", "ParallelSprings"]
+__all__ += ["Parallelogram", "Pid", "PowerLaw", "Pulse", "Sampled", "SampledController", "Scene"]
+__all__ += ["Schedule", "Sine", "Stabilization", "State", "Step", "Torque"]

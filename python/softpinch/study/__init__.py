@@ -22,25 +22,6 @@ from .gradients import Gradients
 from .results import Ensemble, Results
 from .subset import Level
 
-__all__ = [
-    "Capsule",
-    "Choice",
-    "Comparison",
-    "Discretisation",
-    "Distribution",
-    "Effect",
-    "Ensemble",
-    "Estimate",
-    "Gradients",
-    "Level",
-    "LogNormal",
-    "LogUniform",
-    "Lost",
-    "Mean",
-    "Normal",
-    "Results",
-    "TruncatedNormal",
-    "Uniform",
-    "compare",
-    "sensitivity",
-]
+__all__ = ["Capsule", "Choice", "Comparison", "Discretisation", "Distribution", "Effect"]
+__all__ += ["Ensemble", "Estimate", "Gradients", "Level", "LogNormal", "LogUniform", "Lost", "Mean"]
+__all__ += ["Normal", "Results", "TruncatedNormal", "Uniform", "compare", "sensitivity"]
