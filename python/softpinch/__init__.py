@@ -10,11 +10,12 @@ All numbers are in SI units and radians. Finger 1 is the right finger and comes 
 
 from typing import TYPE_CHECKING
 
-from . import paper, run, scene, support
+from . import paper, run, scene
 from ._core import __version__
 from .run import *
 from .scene import *
-from .support import *
+from .support import errors
+from .support.errors import *
 from .support.extras import lazily
 
 # Room -> its public names, and modules. They are imported when they are asked for: they need
@@ -43,7 +44,7 @@ _LAZY = {
     ),
 }
 
-__all__ = ["__version__", "paper", *run.__all__, *scene.__all__, *support.__all__]
+__all__ = ["__version__", "paper", *run.__all__, *scene.__all__, *errors.__all__]
 __all__ += [name for names in _LAZY.values() for name in names]
 __all__.sort()
 

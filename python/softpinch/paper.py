@@ -10,9 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .scene.disturbance import Disturbance, Pulse, Step
-from .scene.scene import Scene
-from .scene.schedule import Schedule
+from .scene import Disturbance, Pulse, Scene, Schedule, Step
 from .support.arrays import read_only
 from .support.checks import choice, positive
 

@@ -24,29 +24,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .scene import (
-    Arc,
-    Face,
-    Finger,
-    Fingertip,
-    GraspedObject,
-    Hand,
-    Jaw,
-    Parallelogram,
-    Pid,
-    PowerLaw,
-    outline,
-    usual,
-)
+from .scene import Pid, Scene, Stabilization, State, outline, usual
 from .scene.disturbance import DISTURBANCES, Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
-from .scene.hand import links
+from .scene.hand import Finger, Fingertip, GraspedObject, Hand, links
 from .scene.motion import MOTIONS, HandMotion
-from .scene.parts import lever
-from .scene.scene import Scene, State
+from .scene.parts import Arc, Face, Jaw, Parallelogram, PowerLaw, lever
 from .scene.schedule import HOLDS, KINDS, Schedule
-from .scene.stabilization import Stabilization
-from .support.choices import ContactModel, Fingers
-from .support.extras import require
+from .support import ContactModel, Fingers, require
 
 require("hypothesis", extra="testing", purpose="softpinch.strategies")
 

@@ -19,15 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from .scene import outline
-from .scene.control import Pid
-from .scene.disturbance import Impulse
+from .scene import HandMotion, Impulse, Pid, Scene, Schedule, Stabilization, State, outline
 from .scene.hand import Finger, Fingertip, GraspedObject, Hand
-from .scene.motion import HandMotion
 from .scene.parts import Arc, Face, Jaw, MeasuredLaw, Parallelogram, PowerLaw
-from .scene.scene import Scene, State
-from .scene.schedule import Schedule
-from .scene.stabilization import Stabilization
 
 # Durations, s, that SciPy's methods can integrate at their tightest tolerance within seconds.
 _SHORT, _MEDIUM = 0.02, 0.1

@@ -19,10 +19,7 @@ from ..run.run import Run, computed
 from ..run.simulate import simulate
 from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
-from ..support import checks
-from ..support.choices import Formulation, Method
-from ..support.progress import Report, reporting
-from ..support.result import Result
+from ..support import Formulation, Method, Report, Result, checks, reporting
 from .reference_motion import ReferenceMotion
 from .runs import cpu_times, largest_that_holds, pairs_of, timed_run
 

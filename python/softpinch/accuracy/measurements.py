@@ -14,11 +14,7 @@ from numpy.typing import NDArray
 
 from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.choices import Method
-from ..support.extras import require
-from ..support.result import Result
+from ..support import Floats, Method, Result, checks, require
 from ..support.table import save_by_suffix, save_csv
 
 if TYPE_CHECKING:

@@ -24,10 +24,7 @@ from ..run.request import Request
 from ..scene import Scene, Stabilization, usual
 from ..scene.contact import without_drift
 from ..scene.fields import ESTIMATED
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.choices import Formulation, Method
-from ..support.progress import Report, reporting
+from ..support import Floats, Formulation, Method, Report, checks, reporting
 from .measurements import Measurement, Peer, StabilizationSweep, WorkPrecision
 from .reference import Reference, of_any_contact
 from .runs import accurate_run, cpu_times, pairs_of, repeated, timed_run

@@ -23,9 +23,7 @@ from ..scene.contact import require_bilateral
 from ..scene.control import WRITTEN
 from ..scene.fields import ESTIMATED
 from ..scene.scene import Scene
-from ..support import checks
-from ..support.arrays import Floats, read_only
-from ..support.result import Result
+from ..support import Floats, Result, checks, read_only
 from .null_space import PLAIN, STATES, carried, jump, parameters, right_hand_side
 from .segments import METHODS, Inputs, System, integrate
 

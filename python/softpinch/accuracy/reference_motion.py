@@ -13,8 +13,7 @@ from ..run.request import Request
 from ..run.run import Run, computed
 from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
-from ..support.arrays import Floats
-from ..support.choices import Formulation, Method
+from ..support import Floats, Formulation, Method
 from .precision import sampled_rows, switch_instants
 from .runs import accurate_run, timed_run
 from .stability import Modes, along_run

@@ -20,10 +20,8 @@ from ..scene import Scene, usual
 from ..scene.contact import formulations_of, require_formulations, without_drift
 from ..scene.paths import shapes_of
 from ..scene.template import SceneTemplate
-from ..support.arrays import Floats
-from ..support.choices import Formulation, Method
+from ..support import Floats, Formulation, Method, Record
 from ..support.interrupt import CtrlC
-from ..support.record import Record
 from ..support.suggest import places
 
 # Tolerance of an accurate run, unless another one is asked for.

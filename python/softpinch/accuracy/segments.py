@@ -19,8 +19,7 @@ from .. import _core
 from ..scene.motion import CompiledMotion
 from ..scene.piecewise import Piecewise, derivative, held
 from ..scene.scene import Scene
-from ..support import checks, extras
-from ..support.arrays import Floats
+from ..support import Floats, checks, extras
 
 # A function from t to (theta_1^d, theta_2^d, F_x, F_y, moment); of a hand that moves also the
 # acceleration of its frame along fixed axes, its tilt, and the two derivatives of the tilt.

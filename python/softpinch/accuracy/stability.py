@@ -22,11 +22,7 @@ from ..scene import Scene, Stabilization, State
 from ..scene.contact import require_formulations
 from ..scene.control import require_known_torque
 from ..scene.parts import branches
-from ..support import checks
-from ..support.arrays import Complexes, Floats
-from ..support.choices import Formulation, Method
-from ..support.display import ShownTable
-from ..support.result import Result
+from ..support import Complexes, Floats, Formulation, Method, Result, ShownTable, checks
 from .runs import ACCURATE, accurate_run, largest_that_holds
 
 # Number of instants of a run at which the motion is linearised.

@@ -20,9 +20,7 @@ from ..scene.control import WRITTEN, pids_of
 from ..scene.hand import Finger, Fingertip, links
 from ..scene.parts import jaws, lever
 from ..scene.template import SceneTemplate
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.record import SIDES
+from ..support import SIDES, Floats, checks
 
 # An axis of a path or function is logarithmic if its last value exceeds its first by this factor.
 _DECADES = 100.0

@@ -18,12 +18,8 @@ from ..run.options import MOST_STEPS, STOP_ON, Options
 from ..scene import Scene, Stabilization
 from ..scene.contact import formulations_of, require_formulations
 from ..study.engine import how_many_threads
-from ..support import checks
-from ..support.arrays import Bools, Floats, Texts
+from ..support import Bools, Floats, Report, Result, Texts, checks, reporting, save_map
 from ..support.choices import Formulation, Method
-from ..support.progress import Report, reporting
-from ..support.result import Result
-from ..support.table import save_map
 from .runs import accurate_run, batches, run_batch
 from .stability import ENDS, LOST, along_run
 from .stability_axes import choose

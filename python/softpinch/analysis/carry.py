@@ -13,9 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..run import Run, simulate
 from ..scene import HandMotion, Scene, State
-from ..support import checks
-from ..support.arrays import Floats, Texts
-from ..support.result import Result
+from ..support import Floats, Result, Texts, checks
 from .rest import Equilibrium
 from .wrench import checked_directions, equilibrium_of, limits_of, unit_directions
 

@@ -11,10 +11,7 @@ from ..scene import Scene, Schedule
 from ..scene.control import WRITTEN, Pid, pids_of
 from ..scene.outline import closing
 from ..scene.parts import in_words, jaws, others
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.record import SIDES
-from ..support.result import Result
+from ..support import SIDES, Floats, Result, checks
 from .rest import Equilibrium, equilibrium
 
 # Statuses of fingers that close too little, and too far, to hold the object at rest.

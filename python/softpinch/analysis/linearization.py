@@ -21,10 +21,7 @@ from ..scene.parts import branches, jaws
 from ..scene.scene import Scene, State, require_fit
 from ..scene.scene import inputs as compiled_inputs
 from ..scene.schedule import Schedule
-from ..support import checks, extras
-from ..support.arrays import Complexes, Floats, read_only
-from ..support.display import ShownTable
-from ..support.result import Result
+from ..support import Complexes, Floats, Result, ShownTable, checks, extras, read_only
 from . import states
 from .rest import Equilibrium, equilibrium
 

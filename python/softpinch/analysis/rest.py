@@ -13,9 +13,9 @@ from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.contact import coefficients
 from ..scene.control import SampledController
+from ..scene.outline import drawings
 from ..scene.parts import branches
 from ..scene.scene import Scene, State
-from ..scene.svg import drawings
 from ..support import checks
 from ..support.arrays import Complexes, Floats
 from ..support.result import Result

@@ -12,9 +12,7 @@ from ..run.request import rest_scene
 from ..run.run import Run
 from ..scene.parts import width
 from ..scene.scene import Scene, State
-from ..support import checks
-from ..support.arrays import Floats, Texts
-from ..support.result import Result
+from ..support import Floats, Result, Texts, checks
 from .rest import ROUND_OFF, Equilibrium, equilibrium
 
 # Number of forces among the default directions.

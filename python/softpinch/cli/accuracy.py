@@ -15,11 +15,8 @@ from ..accuracy.stability import max_stable_dt
 from ..accuracy.stability_axes import AXES
 from ..accuracy.stability_maps import PAIRS, MapPlan, Pair, check_pairs
 from ..scene.contact import formulations_of, require_formulations
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.extras import require
+from ..support import Floats, checks, reporting, require
 from ..support.files import FORMATS
-from ..support.progress import reporting
 from .options import Alpha, Beta, Format, Out, SceneFile, Set, Threads, separated
 from .shell import ENDED_EARLY, gains, one_line_errors, read_scene
 

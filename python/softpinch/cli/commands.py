@@ -15,16 +15,12 @@ from ..fitting import fit_file
 from ..fitting.problem import LOSSES
 from ..fitting.search import fit as fit_numbers
 from ..reproduce import reproduce as reproduce_paper
-from ..run import measures
-from ..run.contact import ContactMode
+from ..run import ContactMode, Run, measures, simulate
 from ..run.options import Options, in_place
-from ..run.run import Run
-from ..run.simulate import simulate
 from ..scene.fields import COORDINATE_UNITS, DISPLAY_UNITS, of_coordinates
 from ..scene.parts import jaws
 from ..study.capsule import Capsule
-from ..support import checks
-from ..support.extras import require
+from ..support import checks, require
 from ..support.files import FORMATS
 from .accuracy import advise, stability, work_precision
 from .montecarlo import montecarlo

@@ -13,18 +13,13 @@ from .. import _core, plot
 from ..montecarlo import compute
 from ..store.files import MANIFEST, PARTS
 from ..store.study import Study
-from ..study import study_file
-from ..study.capsule import Capsule
+from ..study import Capsule, Ensemble, Results, sensitivity, study_file
 from ..study.compute import Computation
-from ..study.effects import sensitivity
-from ..study.results import Ensemble, Results
 from ..study.rows import HOLDS, missing
 from ..study.sampling import SAMPLERS
 from ..study.spec import SUMMARIES
-from ..support import checks
-from ..support.extras import require
+from ..support import Table, checks, require, save_csv, save_npz
 from ..support.files import FORMATS
-from ..support.table import Table, save_csv, save_npz
 from .options import Dt, Format, Formulation, Method, Out, Threads, Tolerance, separated
 from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
 

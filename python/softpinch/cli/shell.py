@@ -10,12 +10,10 @@ from typing import Any
 import typer
 
 from .. import _core
-from ..scene.scene import Scene
-from ..scene.stabilization import Stabilization
+from ..scene import Scene, Stabilization
 from ..study.capsule import Capsule
 from ..study.study_file import naming
-from ..support import checks, toml
-from ..support.errors import StabilityWarning, SuspiciousValueWarning, VersionMismatchError
+from ..support import StabilityWarning, SuspiciousValueWarning, VersionMismatchError, checks, toml
 
 ENDED_EARLY, BAD_INPUT, INTERRUPTED = 1, 2, 130
 # Longer error messages are cut to this number of characters.

@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..plot.drawing import Frames
 from ..run.run import Run
 from ..simulator.tasks import LIMIT, Episodes, HoldAgainstPushes, Outcome, Task, of_one
-from ..support import checks
-from ..support.choices import Recordable
+from ..support import Recordable, checks
 
 Observed: TypeAlias = NDArray[np.float64]
 Actions: TypeAlias = NDArray[np.float32]

@@ -14,8 +14,7 @@ from .. import _core
 from ..accuracy.measurements import WHERE, Measurement, StabilizationSweep, WorkPrecision
 from ..accuracy.stability_maps import NO_REFERENCE, NOT_RUN, StabilityMap
 from ..scene.fields import words
-from ..support import checks
-from ..support.arrays import Floats
+from ..support import Floats, checks
 from . import style as s
 
 if TYPE_CHECKING:

@@ -12,19 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..run import ContactMode, Run, evaluate
 from ..run import measures as measures
-from ..run.contact import ContactMode
-from ..run.evaluate import evaluate
 from ..run.request import Request
-from ..run.run import Run
-from ..scene import outline, parts
-from ..scene.control import Pid
+from ..scene import HandMotion, Pid, Scene, outline, parts
 from ..scene.fields import words
-from ..scene.motion import HandMotion
 from ..scene.outline import SKIN
-from ..scene.scene import Scene
-from ..support.arrays import Floats
-from ..support.extras import require
+from ..support import Floats, require
 from .style import BLACK, GREEN, MM, PURPLE, RED
 from .timeline import COLORS
 

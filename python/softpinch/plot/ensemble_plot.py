@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.fields import label, words
 from ..scene.scene import State
-from ..study.effects import Effect, sensitivity
-from ..study.estimates import Estimate
-from ..study.results import Results
+from ..study import Effect, Estimate, Results, sensitivity
 from ..study.tables import drawn_by_magnitude, event, number, shown
-from ..support.arrays import Floats
+from ..support import Bools, Floats
 from ..support.checks import instance, integer
 from . import style as s
 
@@ -81,7 +78,7 @@ def histogram(
         return figure
 
 
-def _bars(axes: Axes, edges: Floats, values: Floats, completed: NDArray[np.bool_]) -> float:
+def _bars(axes: Axes, edges: Floats, values: Floats, completed: Bools) -> float:
     """Draws stacked bars of completed and other runs, and returns the height of the highest."""
     done = np.histogram(values[completed], edges)[0]
     all_runs = np.histogram(values, edges)[0]
@@ -142,9 +139,7 @@ def failure_times(ensemble: Results, ax: Axes | None = None) -> Figure:
 
 @s.styled()
 def importance(
-    ensemble: Results,
-    name: str | NDArray[np.bool_] = "completed",
-    found: Mapping[str, Effect] | None = None,
+    ensemble: Results, name: str | Bools = "completed", found: Mapping[str, Effect] | None = None
 ) -> Figure:
     """The importance of each parameter: the share of a result's variance that it explains alone.
 
@@ -203,7 +198,7 @@ def _shares(axes: Axes, rows: np.ndarray, effects: list[Effect]) -> None:
         axes.text(at, row, text, va="center", fontsize=8.0, color=color)
 
 
-def _title(name: str | NDArray[np.bool_], found: Mapping[str, Effect]) -> str:
+def _title(name: str | Bools, found: Mapping[str, Effect]) -> str:
     runs = next(iter(found.values())).runs
     result = label(name) if isinstance(name, str) else "the given event"
     text = f"what explains: {result} ({runs} runs)"
@@ -232,7 +227,7 @@ def success_map(
     ensemble: Results,
     x: str,
     y: str,
-    what: str | NDArray[np.bool_] = "completed",
+    what: str | Bools = "completed",
     bins: int | None = None,
     ax: Axes | None = None,
 ) -> Figure:
@@ -292,7 +287,7 @@ def success_map(
 
 
 def _counts(
-    u: Floats, v: Floats, happened: NDArray[np.bool_], bins: int, magnitude: Sequence[bool]
+    u: Floats, v: Floats, happened: Bools, bins: int, magnitude: Sequence[bool]
 ) -> tuple[Floats, Floats, list[Floats], list[Floats]]:
     """Runs and events in each bin (bins, bins), and edges and middles along each axis."""
     u, v = (np.log10(w) if log else w for w, log in zip((u, v), magnitude, strict=True))

@@ -9,17 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.carry import CarryLimits
-from ..analysis.equilibrium_maps import EquilibriumMap
-from ..analysis.wrench import WrenchLimits
+from ..analysis import CarryLimits, EquilibriumMap, WrenchLimits
 from ..scene.contact import coefficients
 from ..scene.fields import label, words
 from ..scene.parts import width
 from ..study.results import Results
 from ..study.rows import Column
 from ..study.tables import event, number, shown
-from ..support import checks
-from ..support.arrays import Floats
+from ..support import Floats, checks
 from . import style as s
 
 if TYPE_CHECKING:

@@ -14,14 +14,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..run import ContactMode, Run
 from ..run import measures as measures
-from ..run.contact import ContactMode
-from ..run.run import Run
 from ..scene import outline
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.extras import require
-from ..support.progress import Report, reporting
+from ..support import Floats, Report, checks, reporting, require
 from .drawing import Frame, HandDrawing, Modes, Picture, instants
 from .style import COLUMN, GREY, LETTERS, MM, PAGE, new, one_panel, panels_or_given, styled, tag
 from .timeline import LEGEND, legend_of_modes, occurring

@@ -7,13 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.linearization import linearize
-from ..analysis.rest import Equilibrium
-from ..scene import outline
+from ..analysis import Equilibrium, linearize
+from ..scene import Scene, State, outline
 from ..scene.parts import lever, width
-from ..scene.scene import Scene, State
-from ..support import checks
-from ..support.arrays import Floats
+from ..support import Floats, checks
 from .drawing import HandDrawing
 from .style import DEG, GREY, LETTERS, LINES, MM, PAGE, panels, styled, tag
 

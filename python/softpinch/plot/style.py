@@ -15,9 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.fields import DISPLAY_UNITS
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.extras import require
+from ..support import Floats, checks, require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,8 +19,7 @@ from ..analysis.rest import Equilibrium, equilibrium
 from ..run import Run, evaluate
 from ..run import measures as m
 from ..scene import Scene, State, outline
-from ..support.arrays import Floats
-from ..support.table import Table
+from ..support import Floats, Table
 
 # How far the curves of the figure reach to both sides of the rests, rad, and their points.
 _MARGIN, _POINTS = np.deg2rad(4.0), 81

@@ -13,11 +13,8 @@ from .. import paper, plot
 from ..plot.style import BLACK, DEG, LETTERS, LINES, PAGE, PALE, least_range, panels, styled, tag
 from ..run import ContactMode, Run
 from ..run import measures as m
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.extras import require
+from ..support import Floats, Table, checks, require
 from ..support.files import FORMATS
-from ..support.table import Table
 from . import energy_minimum
 from . import verdict as v
 from .experiment import Progress, Runs, quietly, simulate_all

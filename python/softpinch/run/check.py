@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _core
 from ..scene.fields import QUANTITIES
 from ..scene.outline import contacts
 from ..scene.parts import half_lengths, lever
-from ..support import checks
-from ..support.record import SIDES
+from ..support import SIDES, Bools, checks
 from .contact import ContactMode, Modes, active
 
 if TYPE_CHECKING:
@@ -114,14 +112,14 @@ def _check_closure(run: Run, tolerance: float) -> None:
         fail(run, "energy ledger closes", row, excess)
 
 
-def _shown(run: Run, modes: Modes | None) -> dict[str, NDArray[np.bool_]]:
+def _shown(run: Run, modes: Modes | None) -> dict[str, Bools]:
     """Returns violation -> whether each recorded row shows it; only the last row if q is missing.
 
     "rim" is left out, where the rounding of a sine may decide. Free tips show none.
     """
     q = run.q if "state" in run.record else run.state(-1).q[None]
     radii = np.array([tip.radius for tip in run.scene.hand.tips])
-    by_side: dict[str, NDArray[np.bool_]] = {
+    by_side: dict[str, Bools] = {
         "crushed": q[:, 5:7] >= radii,
         "folded": np.abs(contacts(run.scene, q).tilts) >= np.pi / 2,
     }
@@ -255,7 +253,7 @@ def _check_losses(run: Run) -> None:
             fail(run, f"{name} never falls", row + 1, f"it falls by {falls[row]:.3e} J")
 
 
-def _first(broken: NDArray[np.bool_]) -> list[int]:
+def _first(broken: Bools) -> list[int]:
     """Returns the first row of an array (n,) that breaks an invariant; none if no row does."""
     return [int(row) for row in np.flatnonzero(broken)[:1]]
 

@@ -17,8 +17,7 @@ import numpy as np
 
 from .. import _core
 from ..scene import Sampled, Scene, fields
-from ..support.arrays import Floats, read_only
-from ..support.result import Result
+from ..support import Floats, Result, read_only
 from . import scaled_error
 from .request import Request
 

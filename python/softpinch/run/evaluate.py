@@ -11,10 +11,7 @@ from .. import _core
 from ..scene import Scene, Stabilization
 from ..scene.contact import require_bilateral
 from ..scene.control import require_known_torque
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.choices import Formulation
-from ..support.result import Result
+from ..support import Floats, Formulation, Result, checks
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

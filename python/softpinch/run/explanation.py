@@ -17,10 +17,7 @@ from .. import _core
 from ..scene import Scene, Stabilization, parts
 from ..scene.control import WRITTEN, Pid, SampledController
 from ..scene.piecewise import Piecewise
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.choices import Formulation, Method, Recordable, Violation
-from ..support.result import Result
+from ..support import Floats, Formulation, Method, Recordable, Result, Violation, checks
 from .options import STOP_ON, Options, names
 from .request import Request
 

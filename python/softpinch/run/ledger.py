@@ -6,10 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..support.display import ShownTable
-from ..support.result import Result
+from ..support import Floats, Result, ShownTable
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -39,17 +37,17 @@ class EnergyLedger(Result):
             unless `times` left the start out.
     """
 
-    kinetic: NDArray[np.float64]
-    elastic: NDArray[np.float64]
-    gravity: NDArray[np.float64]
-    controller_work: NDArray[np.float64]
-    external_work: NDArray[np.float64]
-    viscous_loss: NDArray[np.float64]
-    constraint_work: NDArray[np.float64]
-    friction_loss: NDArray[np.float64]
-    impact_loss: NDArray[np.float64]
-    relaxation_work: NDArray[np.float64]
-    motion_work: NDArray[np.float64]
+    kinetic: Floats
+    elastic: Floats
+    gravity: Floats
+    controller_work: Floats
+    external_work: Floats
+    viscous_loss: Floats
+    constraint_work: Floats
+    friction_loss: Floats
+    impact_loss: Floats
+    relaxation_work: Floats
+    motion_work: Floats
     start: tuple[float, float, float]
 
     def _tables(self) -> Iterator[ShownTable]:
@@ -61,17 +59,17 @@ class EnergyLedger(Result):
         yield ShownTable(columns, rows, "Energies and works; the closure is the ledger's error")
 
     @property
-    def total(self) -> NDArray[np.float64]:
+    def total(self) -> Floats:
         """Kinetic, elastic and gravity energy together (n,), J."""
         with np.errstate(all="ignore"):
             return self.kinetic + self.elastic + self.gravity
 
     @property
-    def closure(self) -> NDArray[np.float64]:
+    def closure(self) -> Floats:
         """The ledger's error (n,), J: (energy - energy at the start) - (works - losses)."""
         # A run that overflowed has infinite energies, and a status that says so.
         with np.errstate(all="ignore"):
-            change: NDArray[np.float64] = self.total - sum(self.start)
+            change: Floats = self.total - sum(self.start)
             works = self.controller_work + self.external_work + self.constraint_work
             works = works + self.motion_work
             by_contact = self.relaxation_work - (self.friction_loss + self.impact_loss)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.control import WRITTEN
-from ..support.arrays import Floats
-from ..support.record import SIDES
+from ..support import SIDES, Floats
 from .contact import ContactMode, active, known_modes
 from .run import Run
 

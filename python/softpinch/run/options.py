@@ -12,10 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..scene.stabilization import Stabilization
-from ..support import checks
-from ..support.choices import Formulation, Method, Violation
-from ..support.record import plain
-from ..support.result import Result
+from ..support import Formulation, Method, Result, Violation, checks, plain
 
 DT = 1e-4
 STOP_ON: tuple[Violation, ...] = ("separated", "crushed", "folded")

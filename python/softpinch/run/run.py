@@ -12,13 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..scene import Scene, State, fields
 from ..scene.motion import HandMotion, HandState
+from ..scene.outline import drawings
 from ..scene.parts import jaws
-from ..scene.svg import drawings
-from ..support import NotRecordedError, checks
-from ..support.arrays import read_only
-from ..support.display import Shown, ShownTable
-from ..support.record import plain
-from ..support.table import save_map
+from ..support import NotRecordedError, Shown, ShownTable, checks, plain, read_only, save_map
 from .contact import ContactChange, ContactMode, DifferentiatedChange, known_modes
 from .error_estimate import QUANTITIES, ErrorEstimate
 from .ledger import LEDGER, EnergyLedger

@@ -8,9 +8,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..scene import Scene, Stabilization, usual
-from ..support import checks
-from ..support.choices import Formulation, Method, Recordable, Violation
-from ..support.errors import StabilityWarning, warn
+from ..support import Formulation, Method, Recordable, StabilityWarning, Violation, checks, warn
 from .error_estimate import QUANTITIES, estimate
 from .options import STOP_ON, Options
 from .request import Request

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from ..support import checks
-from ..support.choices import Formulation
-from ..support.record import SIDES
+from ..support import SIDES, Formulation, checks
 
 if TYPE_CHECKING:
     from .scene import Scene

@@ -12,12 +12,9 @@ from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _core
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.choices import Hold
+from ..support import Floats, Hold, checks
 from ..support.record import Kinded, bare, runs_of
 from .piecewise import Piecewise, held, linear, padded, require_finite
 from .schedule import HOLDS
@@ -233,9 +230,9 @@ class Sampled(Disturbance):
         hold: "zero" holds each sample until the next; "linear" interpolates between samples.
     """
 
-    times: NDArray[np.float64]
-    force: NDArray[np.float64]
-    moment: NDArray[np.float64] | None = None
+    times: Floats
+    force: Floats
+    moment: Floats | None = None
     hold: Hold = "zero"
 
     def __post_init__(self) -> None:

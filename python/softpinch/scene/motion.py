@@ -15,10 +15,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..support import checks
-from ..support.arrays import Floats
+from ..support import Floats, Result, checks
 from ..support.record import Kinded, runs_of
-from ..support.result import Result
 from .piecewise import ROUND_OFF, Piecewise, derivative, evaluate, moves, padded, through
 
 # Pieces of a move: the duration, s, and the share of the way in ascending powers of the time.

@@ -15,9 +15,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from ..support import checks, extras
-from ..support.arrays import Floats, read_only
-from ..support.record import SIDES, Kinded, Record
+from ..support import SIDES, Floats, Kinded, Record, checks, extras, read_only
 
 if TYPE_CHECKING:
     from .hand import Finger, GraspedObject

@@ -18,9 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..support import checks, suggest
-from ..support.display import Shown
-from ..support.record import SIDES, Record
+from ..support import SIDES, Record, Shown, checks, suggest
 from .control import WRITTEN, SampledController
 from .fields import Unit, spelt_out, units
 from .parts import jaws, why_fixed

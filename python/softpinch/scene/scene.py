@@ -14,10 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..support import checks
-from ..support.arrays import Floats, read_only
-from ..support.choices import ContactModel, Fingers
-from ..support.display import ShownTable
+from ..support import ContactModel, Fingers, Floats, ShownTable, checks, read_only
 from ..support.record import SIDES, Parser, Record, array_of
 from . import parts, usual
 from .contact import coefficients, pair_of, parse_friction
@@ -25,10 +22,10 @@ from .control import WRITTEN, Control, Law, Pid, SampledController, Torque, pars
 from .disturbance import Compiled, Disturbance, Noise
 from .hand import GraspedObject, Hand, name_sides, take_one_or_pair
 from .motion import HandMotion
+from .outline import drawings
 from .parts import PAPERS, Mechanism
 from .paths import PathTable, changed, paths_of
 from .schedule import Schedule, default_schedule
-from .svg import drawings
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..support import checks
-from ..support.arrays import Floats
+from ..support import Floats, checks
 from ..support.choices import Hold, ScheduleKind
 from ..support.record import Record, bare, runs_of
 from . import piecewise

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.record import Record
+from ..support import Floats, Record, checks
 from .control import SampledController
 from .disturbance import Noise
 from .paths import replaced, shapes_of, tree_of_numbers, with_numbers

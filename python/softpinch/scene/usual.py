@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..support import errors
-from ..support.errors import SuspiciousValueWarning
-from ..support.record import SIDES
+from ..support import SIDES, SuspiciousValueWarning, errors
 from ..support.suggest import places
 from .contact import coefficients
 from .control import SampledController

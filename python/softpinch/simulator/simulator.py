@@ -12,23 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..run import Run, simulate
 from ..run.options import STOP_ON, Options
 from ..run.request import Request
-from ..run.run import Run
-from ..run.simulate import simulate
-from ..scene import usual
+from ..scene import Sampled, Schedule, Stabilization, usual
 from ..scene.control import WRITTEN
-from ..scene.disturbance import Sampled
 from ..scene.motion import ConstantMotion, HandMotion
 from ..scene.scene import Scene, State, require_fit
-from ..scene.schedule import Schedule
-from ..scene.stabilization import Stabilization
 from ..study.sources import Key
 from ..study.spec import StudySpec
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.choices import Formulation, Method, Recordable, Violation
-from ..support.display import Shown, text_of
+from ..support import Floats, Formulation, Method, Recordable, Shown, Violation, checks, text_of
 
 # The name of a status's code in the core: a run that goes on, and then the ways to end.
 STATUSES = ("running", *_core.STATUSES)

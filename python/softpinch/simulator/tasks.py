@@ -19,15 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..run.options import Options
 from ..run.request import Request
 from ..run.run import Run, computed
-from ..scene.control import Pid, Torque
-from ..scene.hand import Fingertip, GraspedObject, Hand
+from ..scene import Fingertip, GraspedObject, Hand, Pid, Scene, Schedule, Torque
 from ..scene.parts import jaws
-from ..scene.scene import Scene
-from ..scene.schedule import Schedule
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.choices import Recordable
-from ..support.record import SIDES
+from ..support import SIDES, Floats, Recordable, checks
 from .simulator import Observations, Simulator, VectorSimulator, checked_actions
 
 Mask = NDArray[np.bool_]

@@ -17,8 +17,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ..support.errors import StoreError
-from ..support.extras import require
+from ..support import StoreError, require
 from ..support.files import one_line, write_whole
 
 MANIFEST, LOCK = "manifest.toml", "lock"

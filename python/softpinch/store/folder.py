@@ -26,10 +26,8 @@ from ..study.compute import MOST_BLOCKS
 from ..study.rows import Edges, Rows, Spans
 from ..study.sources import BLOCK
 from ..study.spec import RECORDING, StudySpec
-from ..support.errors import StoreError
-from ..support.extras import require
+from ..support import StoreError, plain, require
 from ..support.files import PARTIAL, flush_folder, visible
-from ..support.record import plain
 from . import files
 from .files import ARRAYS, DIGESTS, LOCK, MANIFEST, PARTS, TRAJECTORIES
 

@@ -27,9 +27,7 @@ from ..study.sampling import MOST_RUNS, Draws
 from ..study.sources import Description, Key
 from ..study.spec import RECORDING, SETTINGS, StudySpec
 from ..study.study_file import checksum, load_array
-from ..support import checks, extras, toml
-from ..support.arrays import Floats
-from ..support.errors import StoreError
+from ..support import Floats, StoreError, checks, extras, toml
 from . import files
 from .files import ARRAYS, MANIFEST
 

@@ -14,20 +14,15 @@ from numpy.typing import NDArray
 
 from .. import _core
 from ..run.run import Run
-from ..study import study_file
-from ..study.capsule import Capsule
+from ..study import Capsule, Ensemble, Results, study_file
 from ..study.compute import MOST_BLOCKS, Computation, EarlyStopping
 from ..study.engine import Engine, compute
-from ..study.results import Ensemble, Results
 from ..study.rows import HOLDS, Numbers, Rows, Spans
 from ..study.sampling import Draws
 from ..study.sources import BLOCK
 from ..study.spec import RECORDING, StudySpec
-from ..support import checks
-from ..support.arrays import Floats, read_only
-from ..support.errors import LostRunsWarning, StoreError, warn
+from ..support import Floats, LostRunsWarning, Report, StoreError, checks, read_only, warn
 from ..support.interrupt import CtrlC
-from ..support.progress import Report
 from . import manifest as manifests
 from .files import MANIFEST, arrow
 from .folder import Folder, Trajectories, Writer, locked, refuse_other_content

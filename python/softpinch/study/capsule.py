@@ -25,12 +25,7 @@ from ..run.run import Run
 from ..scene.paths import at_path
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
-from ..support import checks, toml
-from ..support.arrays import read_only
-from ..support.choices import Recordable
-from ..support.display import ShownTable, text_of
-from ..support.record import plain
-from ..support.result import ByValue
+from ..support import ByValue, Recordable, ShownTable, checks, plain, read_only, text_of, toml
 from .estimates import number_or_array
 
 _TABLES = ("capsule", "simulate", "scene")

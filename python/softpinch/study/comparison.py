@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..support import checks
-from ..support.result import Result
+from ..support import Result, checks
 from .estimates import Estimate
 from .results import Results
 from .rows import checked_event

@@ -19,10 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.extras import require
-from ..support.record import Kinded
+from ..support import Floats, Kinded, checks, require
 
 # Limits of uniform numbers, so that quantiles are finite.
 LEAST = 2.0**-54

@@ -20,9 +20,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.display import ShownTable
+from ..support import Floats, ShownTable, checks
 from .results import Results
 from .tables import number
 

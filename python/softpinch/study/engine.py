@@ -23,10 +23,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from .. import _core
-from ..support import checks
-from ..support.errors import VersionMismatchError
+from ..support import Report, VersionMismatchError, checks
 from ..support.interrupt import CtrlC
-from ..support.progress import Report
 from .rows import Rows, Spans
 from .spec import StudySpec
 

@@ -9,12 +9,9 @@ from statistics import NormalDist
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..support.arrays import Floats, read_only
+from ..support import Bools, Floats, Result, ShownTable, read_only
 from ..support.checks import integer, numbers, read, share, shown
-from ..support.display import ShownTable
-from ..support.result import Result
 
 # The largest number of runs in a study.
 _MOST = 2**62
@@ -49,7 +46,7 @@ class Estimate(NamedTuple):
     interval: str = "Wilson"
 
     @classmethod
-    def of(cls, happened: NDArray[np.bool_], confidence: float = 0.95) -> Self:
+    def of(cls, happened: Bools, confidence: float = 0.95) -> Self:
         """Estimates from booleans (runs,): whether the event happened in each run."""
         given = read("happened", happened)
         if given.ndim != 1:

@@ -15,12 +15,8 @@ from ..run.options import Options
 from ..run.request import Request
 from ..run.run import Run
 from ..scene.scene import Scene
-from ..support import checks
-from ..support.arrays import Floats, read_only
-from ..support.choices import Recordable
+from ..support import Floats, NotRecordedError, Recordable, checks, plain, read_only
 from ..support.display import Shown, ShownTable
-from ..support.errors import NotRecordedError
-from ..support.record import plain
 from . import tables
 from .capsule import Capsule
 from .engine import Lost

@@ -25,10 +25,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.errors import SuspiciousValueWarning, warn
-from ..support.extras import require
+from ..support import Floats, SuspiciousValueWarning, checks, require, warn
 from .distributions import MOST
 from .sources import BLOCK, ArraySource, Description, Key, Shapes, Source, source_of
 

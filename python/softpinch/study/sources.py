@@ -17,8 +17,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..support import checks, extras
-from ..support.arrays import Floats
+from ..support import Floats, checks, extras
 from .distributions import Distribution, inside
 
 # The dotted path of a scene's field, or a tuple of paths that are drawn together.

@@ -15,9 +15,7 @@ from ..scene.parts import jaws
 from ..scene.paths import shapes_of
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.record import plain
+from ..support import Floats, checks, plain
 from .rows import Numbers, Rows, Schema, checked_event
 from .sampling import Draws
 from .sources import Key

@@ -26,8 +26,7 @@ from .. import paper
 from .._core import RECORDABLE
 from ..run.options import Options, in_place
 from ..scene.scene import Scene
-from ..support import checks, toml
-from ..support.arrays import Floats
+from ..support import Floats, checks, toml
 from ..support.files import one_line
 from .distributions import Distribution
 from .sources import Key, frozen_distribution

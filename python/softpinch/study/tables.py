@@ -7,13 +7,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _core
 from ..scene import fields as units
-from ..support import checks
-from ..support.display import ShownTable
-from ..support.extras import require
+from ..support import Bools, ShownTable, checks, require
 from .estimates import Estimate
 from .rows import Column
 
@@ -29,23 +26,23 @@ _SEPARATE = ("softpinch", "numpy", "method", "formulation", "dt", "tolerance", "
 _LARGEST_INTEGER = 2**31 - 1
 
 
-def booleans(field: str, given: Any, runs: int) -> NDArray[np.bool_]:
+def booleans(field: str, given: Any, runs: int) -> Bools:
     """Checks an array of booleans from the user, one for each run; `field` is its argument."""
     found = checks.read(field, given)
     if found.dtype != bool or found.shape != (runs,):
         given = f"{found.dtype} {found.shape}"
         raise ValueError(f"{field}: must be a name or booleans ({runs},), not {given}")
-    return cast("NDArray[np.bool_]", found)
+    return cast("Bools", found)
 
 
-def event(results: Results, what: str | NDArray[np.bool_]) -> NDArray[np.bool_]:
+def event(results: Results, what: str | Bools) -> Bools:
     """Whether an event, by its name or as booleans, happened in each run (runs,)."""
     if isinstance(what, str):
         return results.happened(what)
     return booleans("what", what, results.runs)
 
 
-def number(results: Results, name: str | NDArray[np.bool_], field: str = "name") -> Column:
+def number(results: Results, name: str | Bools, field: str = "name") -> Column:
     """Returns a number for each run: a numeric column, or 1.0 and 0.0 for an event or booleans."""
     if not isinstance(name, str):
         return Column(booleans(field, name, results.runs).astype(np.float64), "1")

@@ -3,6 +3,9 @@
 import sys
 import warnings
 
+__all__ = ["LostRunsWarning", "NotRecordedError", "StabilityWarning", "StoreError"]
+__all__ += ["SuspiciousValueWarning", "VersionMismatchError"]
+
 
 class SuspiciousValueWarning(UserWarning):
     """A number is far from its usual range; the message has the field, the value and the range.
