@@ -9,29 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..run import ContactMode, Run
 from ..run import measures as measures
-from ..run.contact import ContactMode
-from ..run.run import Run
 from ..scene import outline
 from ..scene.fields import QUANTITIES, label
 from ..scene.parts import jaws
-from ..support import checks
-from ..support.arrays import Floats
-from ..support.errors import NotRecordedError
+from ..support import Floats, NotRecordedError, checks
 from .style import BLACK, COLUMN, DEG, GREY, LETTERS, LINES, MM, PAGE, RED, TARGET, Unit, styled
-from .timeline import (
-    COMPRESSIONS,
-    POSE,
-    Column,
-    Curve,
-    Panel,
-    axis_name,
-    draw,
-    fingers,
-    lines,
-    number_operations,
-    recorded,
-)
+from .timeline import COMPRESSIONS, POSE, Column, Curve, Panel, draw, fingers, lines, recorded
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,10 +55,8 @@ def motion(run: Run) -> Figure:
         curves = [Curve(run.t, run.q[:, index] * unit.per_si, {"color": BLACK}, "simulated")]
         if index >= 3 and target is not None:
             curves.append(Curve(run.t, target[:, index - 3] * unit.per_si, TARGET, "target"))
-        drawn.append(Panel(axis_name(symbol, unit), curves))
-    figure, axes = draw([Column.of(run, drawn)], COLUMN, 6.2)
-    number_operations(axes[0, 0], run)
-    return figure
+        drawn.append(Panel.of(symbol, unit, curves))
+    return draw([Column.of(run, drawn)], COLUMN, 6.2, numbered=run)[0]
 
 
 @styled()
@@ -93,7 +76,7 @@ def residuals(run: Run) -> Figure:
         paper = Curve(run.t, np.full(len(run), _ORDERS[k]), _PAPER)
         name = f"$|{label(column).strip('$')}|$ [{unit}]"
         drawn.append(Panel(name, [size, paper], decades=4))
-    figure, axes = draw([Column.of(run, drawn)], COLUMN, 5.2, legends="none")
+    figure, axes = draw([Column.of(run, drawn)], COLUMN, 5.2, "none", numbered=run)
     first = axes[0, 0]
     for each, order in zip(axes[:, 0], _ORDERS, strict=True):
         if each is not first:
@@ -102,7 +85,6 @@ def residuals(run: Run) -> Figure:
         text = f"paper: $10^{{{round(np.log10(order))}}}$"
         each.annotate(text, *place, ha="right", va="bottom", fontsize=8.0)
     first.set_ylim(_ROUND_OFF, max(_RESIDUAL_TOP, first.get_ylim()[1]))
-    number_operations(first, run)
     return figure
 
 
@@ -404,7 +386,7 @@ def _change(
     peak = max(float(np.abs(change[:, index]).max()) for _, change in changes.values())
     unit = unit.finer(peak)
     curves = [Curve(t, q[:, index] * unit.per_si, styles[k], k) for k, (t, q) in changes.items()]
-    return Panel(axis_name(symbol, unit, change=True), curves, zero=True)
+    return Panel.of(symbol, unit, curves, change=True)
 
 
 def _cross(curve: Curve, name: str = "") -> Curve:
@@ -476,12 +458,11 @@ def tilt_coupling(
     poses, both = [], ((run_plus, LINES[0]), (run_minus, LINES[1]))
     for k, symbol, unit in reversed(POSE):
         curves = [Curve(run.t, run.q[:, k] * unit.per_si, line, _kappa(run)) for run, line in both]
-        poses.append(Panel(axis_name(symbol, unit), curves))
+        poses.append(Panel.of(symbol, unit, curves))
     columns = [Column.of(run_plus, poses)._replace(runs={})]
     if pushed_plus is not None and pushed_minus is not None:
         columns.append(_pushed(pushed_plus, pushed_minus, disturbance))
-    figure, axes = draw(columns, PAGE if len(columns) > 1 else COLUMN, 4.4)
-    number_operations(axes[0, 0], run_plus)
+    figure, axes = draw(columns, PAGE if len(columns) > 1 else COLUMN, 4.4, numbered=run_plus)
     for panel in axes[0, 1:]:
         # This margin keeps tick labels away from the title.
         panel.margins(y=0.25)
@@ -504,6 +485,6 @@ def _pushed(plus: Run, minus: Run, disturbance: str) -> Column:
             rows = since >= min(1.2 * _EARLIER, since[-1])
             curve = Curve(since[rows], run.q[rows, index] * unit.per_si, style, _kappa(run))
             curves += [curve] if run.success else [curve, _cross(curve, run.status)]
-        drawn.append(Panel(axis_name(symbol, unit), curves))
+        drawn.append(Panel.of(symbol, unit, curves))
     end = max(measures.busy(*measures.response(plus)), 0.05)
     return Column(drawn, {}, (_EARLIER, end), _SINCE, LETTERS[3:], f"under {disturbance}")

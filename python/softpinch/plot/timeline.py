@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..run import ContactMode, Run
 from ..run import measures as measures
-from ..run.contact import ContactMode
-from ..run.run import Run
 from ..scene import fields as units
 from ..scene.outline import SKIN
 from ..scene.parts import jaws
 from ..scene.scene import Scene
-from ..support.arrays import Floats
-from ..support.record import SIDES
+from ..support import SIDES, Floats
 from . import style as s
 
 if TYPE_CHECKING:
@@ -103,6 +101,12 @@ class Panel(NamedTuple):
     zero: bool = False  # whether a thin line marks zero
     decades: int = 0  # largest number of labelled decades of a logarithmic axis; 0 for a linear one
 
+    @classmethod
+    def of(cls, symbol: str, unit: s.Unit, curves: Sequence[Curve], change: bool = False) -> Panel:
+        """The panel of a coordinate, or of a change of it."""
+        sign = r"\Delta " if change else ""
+        return cls(f"${sign}{symbol}$ [{unit.name}]", curves, zero=change)
+
     def named(self, labels: Sequence[str]) -> Panel:
         """The panel with other names of its curves."""
         pairs = zip(self.curves, labels, strict=True)
@@ -142,9 +146,13 @@ def draw(
     width: float,
     height: float,
     legends: Literal["above", "panels", "none"] = "above",
+    numbered: Run | None = None,
     **options: Any,
 ) -> tuple[Figure, NDArray[Any]]:
-    """Draws columns, with bands below the `height`, inches; returns figure and panels' axes."""
+    """Draws columns, with bands below the `height`, inches; returns figure and panels' axes.
+
+    Above the first panel are the numbers of the operations of the run `numbered`.
+    """
     rows = max(len(column.panels) for column in columns)
     most = max(len(unilateral(column.runs)) for column in columns)
     if most:
@@ -183,6 +191,8 @@ def draw(
             each.axvline(float(time), color=s.PALE, linewidth=0.6, zorder=0.5)
         shown[0].set_xlim(*column.limits)
         shown[-1].set_xlabel(column.time)
+    if numbered is not None:
+        _number_operations(axes[0, 0], numbered)
     if legends == "above":
         s.shared_legend(figure, axes[:rows].flat)
     if most:
@@ -196,7 +206,7 @@ def switches(run: Run) -> list[float]:
     return [begin for begin, _ in measures.operations(run)[1:] if begin < run.t[-1]]
 
 
-def number_operations(axes: Axes, run: Run) -> None:
+def _number_operations(axes: Axes, run: Run) -> None:
     """Writes 1, 2, ... above the pieces of a schedule that has a few switches."""
     inside = switches(run)
     if not 1 <= len(inside) <= 12:
@@ -205,12 +215,6 @@ def number_operations(axes: Axes, run: Run) -> None:
     for k, middle in enumerate(0.5 * (edges[1:] + edges[:-1])):
         place = (float(middle), 1.0), (0.0, 2.0), axes.get_xaxis_transform(), "offset points"
         axes.annotate(str(k + 1), *place, ha="center", va="bottom", fontsize=8.0, color="0.35")
-
-
-def axis_name(symbol: str, unit: s.Unit, change: bool = False) -> str:
-    """An axis label of symbol and unit; with a delta if the axis shows a change."""
-    sign = r"\Delta " if change else ""
-    return f"${sign}{symbol}$ [{unit.name}]"
 
 
 def unilateral(runs: Mapping[str, Run]) -> dict[str, Run]:
