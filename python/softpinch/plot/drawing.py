@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..run import ContactMode, Run, evaluate
-from ..run import measures as measures
+from ..run import ContactMode, Run, evaluate, measures
 from ..run.request import Request
 from ..scene import HandMotion, Pid, Scene, outline, parts
 from ..scene.fields import words

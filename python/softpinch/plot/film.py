@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..run import ContactMode, Run
-from ..run import measures as measures
+from ..run import ContactMode, Run, measures
 from ..scene import outline
 from ..support import Floats, Report, checks, reporting, require
 from .drawing import Frame, HandDrawing, Modes, Picture, instants

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..run import ContactMode, Run
-from ..run import measures as measures
+from ..run import ContactMode, Run, measures
 from ..scene import outline
 from ..scene.fields import QUANTITIES, label
 from ..scene.parts import jaws
-from ..support import Floats, NotRecordedError, checks
+from ..support import NotRecordedError, checks
 from .style import BLACK, COLUMN, DEG, GREY, LETTERS, LINES, MM, PAGE, RED, TARGET, Unit, styled
 from .timeline import COMPRESSIONS, POSE, Column, Curve, Panel, draw, fingers, lines, recorded
 
@@ -41,8 +40,6 @@ _WINDOW, _ROOM = 1e-3, (0.15, 0.35)
 # Start of the time axis of a disturbed run, relative to the onset, s.
 _EARLIER = -0.02
 _SINCE = "time from the onset [s]"
-# Times since the onset (k,), s, and changes of q (k, 9): see `measures.response`.
-_Response = tuple[Floats, Floats]
 
 
 @styled()
@@ -330,8 +327,9 @@ def _closure(run: Run) -> Panel:
 def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None = None) -> Figure:
     """Changes of finger angles and object pose after disturbances (the paper's Fig. 7).
 
-    Time counts from the onset. Lasting forces have a column of their own, left of transient ones,
-    because their effects are larger by one or two orders of magnitude.
+    Time counts from the onset; a cross marks the end of a run that ended early. Lasting forces have
+    a column of their own, left of transient ones, because their effects are larger by one or two
+    orders of magnitude.
 
     Args:
         runs: Name of each case -> run with "state" recorded.
@@ -344,7 +342,6 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
     _require_runs("undisturbed", undisturbed)
     named = {f"({case})": run for case, run in runs.items()}
     twins = {f"({case})": run for case, run in undisturbed.items()}
-    responses = {name: measures.response(run, twins.get(name)) for name, run in named.items()}
     styles = _styles(named)
     stays = {name: run for name, run in named.items() if measures.lasting(run)}
     passes = {name: run for name, run in named.items() if name not in stays}
@@ -353,12 +350,8 @@ def disturbances(runs: Mapping[str, Run], undisturbed: Mapping[str, Run] | None 
     for title, group in (("forces that stay", stays), ("forces that pass", passes)):
         if not group:
             continue
-        some = {name: responses[name] for name in group}
-        drawn = [_change(some, styles, *quantity) for quantity in coordinates]
-        until = max(measures.busy(*each) for each in some.values())
-        letters = LETTERS[len(columns) * len(drawn) :]
-        title, onsets = f"{title}: {', '.join(group)}", _onsets(group)
-        columns.append(Column(drawn, group, (0.0, until or None), _SINCE, letters, title, onsets))
+        title = f"{title}: {', '.join(group)}"
+        columns.append(_changes(title, group, twins, styles, coordinates, len(columns)))
     width = PAGE if len(columns) > 1 else COLUMN
     return draw(columns, width, 1.28 * len(columns[0].panels))[0]
 
@@ -375,18 +368,31 @@ def _styles(names: Sequence[str] | Mapping[str, Any]) -> dict[str, Mapping[str, 
     return {name: LINES[k % len(LINES)] for k, name in enumerate(names)}
 
 
-def _onsets(runs: Mapping[str, Run]) -> dict[str, float]:
-    return {name: measures.onset(run) for name, run in runs.items()}
-
-
-def _change(
-    changes: Mapping[str, _Response], styles: Mapping[str, Any], index: int, symbol: str, unit: Unit
-) -> Panel:
-    """The changes of one column of q in several runs, in a unit that fits the largest."""
-    peak = max(float(np.abs(change[:, index]).max()) for _, change in changes.values())
-    unit = unit.finer(peak)
-    curves = [Curve(t, q[:, index] * unit.per_si, styles[k], k) for k, (t, q) in changes.items()]
-    return Panel.of(symbol, unit, curves, change=True)
+def _changes(
+    title: str,
+    runs: Mapping[str, Run],
+    undisturbed: Mapping[str, Run],
+    styles: Mapping[str, Any],
+    coordinates: Sequence[tuple[int, str, Unit]],
+    place: int,
+) -> Column:
+    """The changes of coordinates in several runs; a cross marks the end of one that ended early."""
+    changes = {name: measures.response(run, undisturbed.get(name)) for name, run in runs.items()}
+    drawn = []
+    for index, symbol, unit in coordinates:
+        # A unit that fits the largest change.
+        unit = unit.finer(max(float(np.abs(q[:, index]).max()) for _, q in changes.values()))
+        curves = [
+            Curve(t, q[:, index] * unit.per_si, styles[name], name)
+            for name, (t, q) in changes.items()
+        ]
+        curves += [_cross(curve) for curve in curves if not runs[curve.label].success]
+        drawn.append(Panel.of(symbol, unit, curves, change=True))
+    disturbed = any(run.scene.disturbances for run in runs.values())
+    last = max(measures.busy(t, q) if disturbed else float(t[-1]) for t, q in changes.values())
+    letters, time = LETTERS[len(drawn) * place :], _SINCE if disturbed else "time [s]"
+    onsets = {name: measures.onset(run) for name, run in runs.items()}
+    return Column(drawn, runs, (0.0, last or None), time, letters, title, onsets)
 
 
 def _cross(curve: Curve, name: str = "") -> Curve:
@@ -414,20 +420,10 @@ def contact_models(columns: Mapping[str, Mapping[str, Run]]) -> Figure:
     if not columns:
         raise ValueError("columns is empty: must have a scene")
     styles = _styles(list(dict.fromkeys(name for runs in columns.values() for name in runs)))
-    scenes = []
-    for k, (title, runs) in enumerate(columns.items()):
-        responses = {name: measures.response(run) for name, run in runs.items()}
-        drawn = []
-        for quantity in POSE:
-            panel = _change(responses, styles, *quantity)
-            ends = [_cross(curve) for curve in panel.curves if not runs[curve.label].success]
-            drawn.append(panel._replace(curves=[*panel.curves, *ends]))
-        disturbed = any(run.scene.disturbances for run in runs.values())
-        last = max(
-            measures.busy(*each) if disturbed else float(each[0][-1]) for each in responses.values()
-        )
-        letters, time = LETTERS[len(POSE) * k :], _SINCE if disturbed else "time [s]"
-        scenes.append(Column(drawn, runs, (0.0, last or None), time, letters, title, _onsets(runs)))
+    scenes = [
+        _changes(title, runs, {}, styles, POSE, k)
+        for k, (title, runs) in enumerate(columns.items())
+    ]
     return draw(scenes, PAGE, 4.2)[0]
 
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..run import ContactMode, Run
-from ..run import measures as measures
+from ..run import ContactMode, Run, measures
 from ..scene import fields as units
 from ..scene.outline import SKIN
 from ..scene.parts import jaws
