@@ -1,7 +1,6 @@
 """Stepping from outside: a program of the user's chooses the torques, period by period.
 
-`tasks` has the tasks that an agent learns, and their episodes; the room `gym` makes environments of
-them.
+`tasks` has the tasks that an agent learns, and their episodes; `gym` makes environments of them.
 """
 
 from .simulator import Observation, Observations, Simulator, VectorSimulator

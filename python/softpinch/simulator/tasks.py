@@ -5,11 +5,9 @@ fields, or derive a class from `Task` and override `draw`, `terms` or `measures`
 are over arrays whose first axis is environments. Nothing here needs Gymnasium.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -21,7 +19,7 @@ from ..run.request import Request
 from ..run.run import Run, computed
 from ..scene import Fingertip, GraspedObject, Hand, Pid, Scene, Schedule, Torque
 from ..scene.parts import jaws
-from ..support import SIDES, Floats, Recordable, checks
+from ..support import SIDES, Floats, Record, Recordable, checks
 from .simulator import Observations, Simulator, VectorSimulator, checked_actions
 
 Mask = NDArray[np.bool_]
@@ -96,8 +94,8 @@ class Transition(NamedTuple):
     lost: Mask
 
 
-@dataclass(frozen=True, kw_only=True)
-class Task:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Task(Record):
     """The base of all tasks; a task of your own derives from this class or from one of the others.
 
     An episode starts in the settled grasp. Action a in [-1, 1]^2 sets the torques of right and left
@@ -141,10 +139,8 @@ class Task:
         if any(jaws(self.grasp)):
             raise ValueError(f"{name}.grasp: does not take a Jaw yet: it observes angles of links")
         if self.grasp.law != "pid":
-            rule = "must have a PID, which brings the grasp to rest"
-            raise ValueError(
-                f"{name}.grasp: its fingers are {checks.shown(self.grasp.law)}: {rule}"
-            )
+            given = f"{name}.grasp: its fingers are {checks.shown(self.grasp.law)}"
+            raise ValueError(f"{given}: must have a PID, which brings the grasp to rest")
         for each in ("duration", "period", "dt", "torque_span", "leash"):
             checks.positive(f"{name}.{each}", getattr(self, each))
         for each in ("lookahead", "loss", "push_force", "push_moment"):
@@ -279,13 +275,8 @@ class Task:
         """1 for no error, 1/2 for a scaled squared error of 1; divided by the number of periods."""
         return 1.0 / (1.0 + error) / self.steps
 
-    def __repr__(self) -> str:
-        values = [(f.name, repr(getattr(self, f.name)), repr(f.default)) for f in fields(self)[1:]]
-        changed = [f"{name}={own}" for name, own, usual in values if own != usual]
-        return f"{type(self).__name__}({', '.join(changed)})"
 
-
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class HoldAgainstPushes(Task):
     """Keeps the object where it is while random pushes act on it.
 
@@ -319,7 +310,7 @@ class HoldAgainstPushes(Task):
         }
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FollowPath(Task):
     """Moves the object sideways along a random path, with torques that change smoothly.
 
@@ -373,7 +364,7 @@ class FollowPath(Task):
         }
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class HoldWithLeastGrip(Task):
     """Holds the object against weak pushes with as little normal force as possible.
 
