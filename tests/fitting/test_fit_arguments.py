@@ -40,7 +40,10 @@ BAD_VALUES: list[tuple[dict[str, Any], str]] = [
     ({"vary": {"disturbances.0.force": None}}, "has shape (2,): must be one number, such as"),
     ({"vary": {"duration": None}}, 'vary: "duration": the measured times determine it'),
     ({"vary": {"disturbances.0.time": None}}, "is fitted with tolerance=, not with dt"),
-    ({"scene": replace(SCENE, contact="unilateral", friction=1.0)}, 'need contact = "bilat'),
+    (
+        {"scene": replace(SCENE, contact="unilateral", friction=1.0), "method": "radau5"},
+        'method = "radau5": must be one of "rk4", "dop853" in unilateral contact',
+    ),
     ({"vary": {E: (2e5, 1e5)}}, "high = 100000: must be above low = 200000"),
     ({"start": {"gravity": 1.0}}, "start = 'gravity': must be one of"),
     ({"start": {E: 1.0}}, "must be within the bounds 10000 and 1e+07"),

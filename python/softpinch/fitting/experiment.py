@@ -1,6 +1,7 @@
 """One measured motion: the names of what can be measured, scene, data, and their simulation."""
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
@@ -20,6 +21,7 @@ from ..scene.paths import with_numbers
 from ..scene.scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
+from ..support.errors import StabilityWarning
 from ..support.result import Result
 
 # Noise below this share of a typical size of the scene is round-off.
@@ -70,6 +72,7 @@ class Motion(NamedTuple):
     table: Floats  # the columns (n, c)
     slope: Floats | None  # their derivatives by the parameters (n, c, p)
     violations: Mapping[str, float]  # those of `Run.violations`
+    lost: tuple[str, ...] = ()  # the paths by which it has differences from an event on
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -176,7 +179,10 @@ class Experiment(Result):
             request = Request(scene, replace(options, times=self.times, record=self._recorded))
             if warns:
                 usual.warn(scene)
-            run = computed(request, paths if derivatives else ())
+            with warnings.catch_warnings():
+                # Differences take the place of derivatives that end at an event.
+                warnings.filterwarnings("ignore", "sensitivities", StabilityWarning)
+                run = computed(request, paths if derivatives else ())
             if warns:
                 warn_of_steps(request, run._result)
         except ValueError as error:
@@ -188,11 +194,9 @@ class Experiment(Result):
         slope = None
         if derivatives:
             found = run.sensitivity
-            state = np.stack([found[path] for path in paths], axis=-1)
-            slopes = {"q": state[:, :9], "p": state[:, 9:]}
-            for name in self._recorded[1:]:
-                of = getattr(found, name)
-                slopes[name] = np.stack([of[path] for path in paths], axis=-1)
+            groups = {"state": found} | {name: getattr(found, name) for name in self._recorded[1:]}
+            slopes = {k: np.stack([of[path] for path in paths], -1) for k, of in groups.items()}
+            slopes["q"], slopes["p"] = np.split(slopes["state"], 2, axis=1)
             slope = np.stack([slopes[one.quantity][:, one.column] for one in places], axis=1)
         return Motion(table, slope, run.violations)
 

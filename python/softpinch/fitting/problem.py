@@ -1,5 +1,6 @@
 """The numbers that a fit varies, and its least-squares problem in scaled coordinates."""
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +27,8 @@ LOSSES = ("linear", "soft_l1")
 _OF_COST, _OF_STEP = 1e-8, 1e-10
 # The largest number of simulations in a search from one start, without those for the Jacobian.
 MOST_EVALUATIONS = 100
+# Half the distance in u of the runs whose difference takes the place of a missing derivative.
+_APART = 1e-3
 # Bounds with at least this ratio are searched in the logarithm.
 _DECADES = 10.0
 
@@ -191,11 +194,30 @@ class Problem:
         for each in self.experiments:
             motion = each.simulated(put, self.options, derivatives, warns)
             if motion.slope is not None:
-                motion = motion._replace(slope=motion.slope * slopes(self.parameters, u))
+                slope = motion.slope * slopes(self.parameters, u)
+                motion = self._without_gaps(each, motion, slope, u)
             found.append(motion)
         self.evaluations += 1
         self.report(self.evaluations)
         return found
+
+    def _without_gaps(self, of: Experiment, motion: Motion, slope: Floats, u: Floats) -> Motion:
+        """Fills what has no derivatives, from an event of a contact on, by differences of runs."""
+        gaps = np.isnan(slope.sum(axis=1, keepdims=True))
+        missing = np.flatnonzero(gaps.any(axis=(0, 1)))
+        for k in missing:
+            runs = []
+            for end in np.clip(u[k] + np.array([-_APART, 0.0, _APART]), *self.bounds[:, k]):
+                moved = np.where(np.arange(len(u)) == k, end, u)
+                with contextlib.suppress(FailedRun):  # the other side is left
+                    run = of.simulated(values(self.parameters, moved), self.options, False)
+                    runs.append((end, run.table))
+            (low, before), (high, after) = runs[0], runs[-1]
+            if low == high:
+                raise FailedRun(f"no derivatives or differences by {self.parameters[k].path}")
+            apart = (after - before) / (high - low)
+            slope = np.where(gaps & (np.arange(len(u)) == k), apart[..., None], slope)
+        return motion._replace(slope=slope, lost=tuple(self.parameters[k].path for k in missing))
 
     def residuals(self, motions: Sequence[Motion]) -> Floats:
         """Returns the weighted residuals of all measurements (N,)."""

@@ -65,6 +65,7 @@ class Fit(Result):
         undetermined: A sentence for each combination of parameters that the data do not determine.
         at_bound: The paths whose values are at a bound. Their errors are those of the linearised
             problem without bounds, and too large on the side of the bound.
+        by_differences: The paths whose errors rest on differences of runs, as `messages` say.
         experiments: Each experiment with data, noise and fitted motion.
         options: How the runs were simulated; `loss` is that of `fit`.
         chi_squared: The sum of the squared residuals over their noise, without the loss.
@@ -83,6 +84,7 @@ class Fit(Result):
     directions: Floats
     undetermined: tuple[str, ...]
     at_bound: tuple[str, ...]
+    by_differences: tuple[str, ...]
     experiments: tuple[Experiment, ...]
     options: Options
     loss: str
@@ -199,6 +201,8 @@ class Fit(Result):
         found = [] if self.converged else ["the search did not converge"]
         found += self.undetermined
         found += [f"{path} is at its bound" for path in self.at_bound]
+        ends = "has differences of runs for derivatives, which end at an event of a contact"
+        found += [f"{path} {ends}" for path in self.by_differences]
         if not self.noise_estimated and self.degrees_of_freedom > 0 and self.loss == "linear":
             stats = require("scipy.stats", extra="study", purpose="fit")
             if stats.chi2.sf(self.chi_squared, self.degrees_of_freedom) < _RARE:

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..run.options import Options
-from ..scene.directions import move_breakpoints, require_derivatives, shapes
+from ..run.request import Request
+from ..run.sensitivity import checked
+from ..scene.directions import move_breakpoints
 from ..scene.parts import refuse_others
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
@@ -59,9 +61,11 @@ def fit(
     """Fits numbers of a scene to measured motions by weighted least squares.
 
     If the search does not converge, `Fit.converged` says so. SciPy's `least_squares` (trust region
-    reflective) gets the derivatives of the simulation, see `sensitivities` of `simulate`. Numbers
-    whose bounds are positive and at least a factor of ten apart are searched in their logarithm, in
-    which their intervals are symmetric too.
+    reflective) gets the derivatives of the simulation, see `sensitivities` of `simulate`, through
+    slips, openings and impacts too. Numbers whose bounds are positive and at least a factor of ten
+    apart are searched in their logarithm, in which their intervals are symmetric too. Where the
+    derivatives end at an event of a contact, central differences of runs go on; `Fit.messages` says
+    so of the fitted motion.
 
     Standard errors, covariance and intervals are those of the problem linearised at the minimum;
     `Fit.profile` has intervals without this approximation. A number whose 95 % interval would be
@@ -127,8 +131,7 @@ def fit(
     paths = [each.path for each in found]
     for each in scenes:
         refuse_others(each, "fit")
-        require_derivatives(each, through_events="sensitivities of fit")
-        shapes(each, paths)
+        checked(Request(each, options), paths)
         if options.tolerance is None and move_breakpoints(each, paths):
             rule = "is fitted with tolerance=, not with dt"
             why = "between the steps on both sides of it the motion is not smooth"
@@ -287,6 +290,7 @@ def _result(problem: Problem, best: Minimum, starts: int, same: int) -> Fit:
         directions=known.directions,
         undetermined=tuple(sentences(known, problem.parameters)),
         at_bound=tuple(path for path, there in zip(paths, bound, strict=True) if there),
+        by_differences=tuple(p for p in paths if any(p in motion.lost for motion in motions)),
         experiments=experiments,
         options=problem.options,
         loss=loss,

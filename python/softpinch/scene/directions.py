@@ -46,15 +46,9 @@ _REFUSED = {
 _Compiled: TypeAlias = tuple[Compiled, ...]
 
 
-def require_derivatives(scene: Scene, *, through_events: str | None = None) -> None:
-    """Refuses a scene whose runs have no derivatives.
-
-    `through_events` names what does not follow the changes of contacts.
-    """
+def require_derivatives(scene: Scene) -> None:
+    """Refuses a scene whose runs have no derivatives."""
     refuse_others(scene, "a run with sensitivities")
-    if scene.contact == "unilateral" and through_events is not None:
-        why = "only simulate(..., sensitivities=...) follows the changes of contacts"
-        raise ValueError(f'{through_events}: need contact = "bilateral": {why}')
     if scene.law == "sampled":
         why = "whose torques step from sample to sample"
         raise ValueError(f"sensitivities: control must not be a SampledController, {why}")

@@ -88,7 +88,7 @@ def checked_gradients(
         if value is not None:
             why = "gradients are computed on threads of this process and kept in memory"
             raise ValueError(f"gradients and {name}: give one of them; {why}")
-    directions.require_derivatives(scene, through_events="sensitivities of gradients")
+    directions.require_derivatives(scene)
     paths = paths or list(varied)
     if not paths:
         raise ValueError("gradients: give sensitivities, the paths to differentiate by, or vary")
