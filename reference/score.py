@@ -173,16 +173,28 @@ def _table(path: Path, needed: Sequence[str]) -> list[dict[str, str]]:
     """The rows of a CSV file with a header."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file)
+            reader = csv.DictReader(file, restkey=_MORE)
             names = [name.strip() for name in reader.fieldnames or ()]
             missing = [name for name in needed if name not in names]
             if missing:
                 hint = "" if names else " (the file is empty)"
                 raise FileError(f"{path}: columns are missing: {', '.join(missing)}{hint}")
+            twice = sorted({name for name in names if name and names.count(name) > 1})
+            if twice:
+                raise FileError(f"{path}: two columns have the same name: {', '.join(twice)}")
             reader.fieldnames = names
-            return list(reader)
+            rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise FileError(f"{path}: not a CSV file that can be read: {error}") from None
+    for line, row in enumerate(rows, 2):
+        if any(cell.strip() for cell in row.pop(_MORE, ())):
+            rule = "more entries than the header; decimals are written with a point"
+            raise FileError(f"{path}, line {line}: {rule}")
+    return rows
+
+
+# Where csv.DictReader puts what is beyond the header; no column has this name.
+_MORE = "\n"
 
 
 def _number(path: Path, line: int, name: str, text: str | None) -> float:
@@ -234,6 +246,8 @@ def read(path: Path, events: Path | None = None) -> dict[str, Answer]:
 
 
 def _known(path: Path, line: int, name: str | None) -> str:
+    if name in (RARE, RARER):
+        raise FileError(f"{path}, line {line}: {name} has no rows; give --rare or --probability")
     if not name or not (FOLDER / name / "solution.csv").is_file():
         raise FileError(f"{path}, line {line}: {name!r} is none of the problems in {FOLDER.name}/")
     return name
@@ -287,6 +301,8 @@ def score(name: str, mine: Answer) -> Score:
     answer = data["answer"]
     result = Score(dict.fromkeys((*QUANTITIES, "events"), math.nan) | errors, answer["end"])
     was_lost = answer["status"] == "lost"
+    if np.isnan(rows[:, -1]).any():
+        result.notes.append("energy not reported")
     if mine.events is None:
         result.notes.append("events not reported")
         if was_lost:

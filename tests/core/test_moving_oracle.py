@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import softpinch as sp
 from oracle import parameters, reference
-from oracle.moving import Inertial, Moving, absolute, moving, published
+from oracle.moving import Bodies, Moving, moving, published
 from transforms import MIRROR_MULTIPLIERS, mirrored, mirrored_coordinates
 
 Floats = NDArray[np.float64]
@@ -52,7 +52,8 @@ def test_lagranges_equations_give_the_published_forces(seed: int) -> None:
     numbers = {name: value * rng.uniform(0.5, 2.0) for name, value in parameters(UNLIKE).items()}
     q, p, frame = rng.uniform(-1, 1, 9), rng.uniform(-3, 3, 9), rng.uniform(-4, 4, (3, 3))
     frame[2] *= 10.0
-    system = Inertial.at(*absolute(q, p, frame, numbers), frame, numbers)
+    bodies = replace(Bodies.of(UNLIKE), numbers=numbers)
+    system = bodies.at(*bodies.absolute(q, p, frame), frame)
     np.testing.assert_allclose(system.q, q, atol=1e-14)
     np.testing.assert_allclose(system.p, p, atol=1e-13)
     mass, force = system.forces()

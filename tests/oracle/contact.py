@@ -46,52 +46,59 @@ class DrivenInputs(Inputs):
         return lambda t: (*usual(t), *(float(each(t - origin)) for each in bent))
 
 
-def unilateral(scene: Any, times: ArrayLike | None = None) -> UnilateralReference:
+def unilateral(
+    scene: Any, times: ArrayLike | None = None, method: str = "DOP853"
+) -> UnilateralReference:
     """Simulates a scene with contact that pushes, slips, opens and closes.
 
     Args:
         scene: Its start may have gaps (free) and slip; tips that relax have relaxed there.
             `fingers` may be "driven", along a schedule without jumps and kinks. With a motion they
-            are not; the run is then in inertial coordinates, and its rows in the hand's frame; the
-            parts are the paper's then.
+            are not, and tips do not relax; the run is then in inertial coordinates, and its rows in
+            the hand's frame.
         times: (n,), s, within the run; None is the start, every break and the end.
+        method: "DOP853", or for long rests "Radau", whose steps have no longest one.
     """
     driven = scene.fingers == "driven"
     friction = scene.friction if isinstance(scene.friction, tuple) else (scene.friction,) * 2
-    system, kind = ContactSystem, DrivenInputs if driven else Inputs
+    system: type[ContactSystem] = ContactSystem
+    kind: type[Inputs] = DrivenInputs if driven else Inputs
+    moving = scene.motion is not None
+    still = scene.with_({"motion": None, "gravity": 0.0}) if moving else scene
     mechanics: Any
     if others(scene):
-        if scene.motion is not None:
-            raise ValueError("motion: only with the paper's parts")
-        mechanics = PartsMechanics(scene)
+        mechanics = PartsMechanics(still)
         halves, length = mechanics.halves, 0.1
     else:
-        numbers = parameters(scene)
+        numbers = parameters(still)
         if driven:
             numbers |= {name: 0.0 for name in numbers if name.startswith("control.")}
         length = max(numbers[f"hand.{side}.length"] for side, _ in SIDES)
         height = scene.grasped.height
         halves = [math.inf if height is None else height / 2] * 2
         mechanics = Mechanics(numbers)
-        if scene.motion is not None:
-            mechanics, system, kind = MovingMechanics(numbers), MovingSystem, MovingInputs
+    if moving:
+        mechanics, system, kind = MovingMechanics(scene, mechanics), MovingSystem, MovingInputs
     start, begin = start_state(scene)
     inputs = kind(scene, begin, begin + float(scene.duration))
     instants, wanted = inputs.instants(times)
+    settings = mechanics, friction, halves
+    options: dict[str, Any] = {"length": length, "driven": driven, "method": method}
     if any(tip.relaxation for tip in scene.hand.tips):
-        relaxing = RelaxingSystem(scene, mechanics, friction, halves, length=length, driven=driven)
+        if moving:
+            raise ValueError("motion: only with tips that do not relax")
+        relaxing = RelaxingSystem(scene, *settings, **options)
         walk = Walk(relaxing, inputs, start)
         walk.y[STATES:] = relaxing.relaxed(start)
     else:
-        walk = Walk(
-            system(mechanics, friction, halves, length=length, driven=driven), inputs, start
-        )
+        walk = Walk(system(*settings, **options), inputs, start)
     rows = walk.through(sorted(set(wanted)))
     kept = [rows[t] for t in wanted if t in rows]
     return UnilateralReference(
         t=instants[[t in rows for t in wanted]],
         q=np.array([row.q for row in kept]),
         p=np.array([row.p for row in kept]),
+        multipliers=np.array([row.multipliers for row in kept]),
         changes=walk.changes,
         ledger={name: float(value) for name, value in walk.ledger.items()},
         status=walk.status,

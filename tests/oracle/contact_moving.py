@@ -8,7 +8,7 @@ velocity, and these are the same along the axes of any frame.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
 from typing import Any
@@ -19,8 +19,8 @@ from softpinch.accuracy.segments import Driven, Inputs
 
 from .contact_modes import FREE, GRAZE, Motion, conditions, contact_forces
 from .contact_system import Contact, ContactSystem, Event
-from .contact_terms import Floats, Mechanics, Terms
-from .moving import Inertial, absolute, frames
+from .contact_terms import Floats, Terms
+from .moving import Bodies, Inertial, frames
 
 # Where `MovingInputs` has the frame.
 _FRAME = slice(5, 14)
@@ -65,19 +65,25 @@ class MovingTerms:
         return getattr(self.own, name)
 
 
-class MovingMechanics(Mechanics):
-    """`Mechanics` of a hand that moves: the weight is part of `Inertial`."""
+class MovingMechanics:
+    """`Mechanics` or `PartsMechanics` of a hand that moves: the weight is part of `Inertial`.
 
-    def __init__(self, numbers: Mapping[str, float]) -> None:
-        """Takes the numbers of `PARAMETERS` by name."""
-        super().__init__({**numbers, "gravity": 0.0})
-        self.numbers = dict(numbers)
+    Attributes:
+        bodies: Of the scene.
+    """
+
+    def __init__(self, scene: Any, weightless: Any) -> None:
+        """Takes the mechanics of the same scene without a motion and without gravity."""
+        self.bodies, self._weightless = Bodies.of(scene), weightless
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._weightless, name)
 
     def terms(self, state: Sequence[float], asked: Sequence[float], tilts: Sequence[float]) -> Any:
         """The terms at a state in the hand's frame."""
         frame = np.array(asked[_FRAME]).reshape(3, 3)
-        w, v = absolute(np.array(state[:9]), np.array(state[9:18]), frame, self.numbers)
-        return self.of(state, asked, tilts, Inertial.at(w, v, frame, self.numbers))
+        w, v = self.bodies.absolute(np.array(state[:9]), np.array(state[9:18]), frame)
+        return self.of(state, asked, tilts, self.bodies.at(w, v, frame))
 
     def of(
         self,
@@ -89,13 +95,13 @@ class MovingMechanics(Mechanics):
         """The terms at a state that is known in both frames."""
         (*target, fx, fy, moment), phi = asked[:5], asked[7]
         load = (*_turned(fx, fy, -phi), moment)
-        return MovingTerms(super().terms(state, (*target, *load), tilts), inertial)
+        return MovingTerms(self._weightless.terms(state, (*target, *load), tilts), inertial)
 
 
 class MovingSystem(ContactSystem):
     """`ContactSystem` whose accelerations are those of absolute coordinates."""
 
-    mechanics: MovingMechanics
+    mechanics: Any  # MovingMechanics
     rtol = 1e-12
 
     def motion(self, terms: Any, modes: Sequence[str], asked: Sequence[float]) -> Motion:
@@ -132,7 +138,8 @@ class MovingSystem(ContactSystem):
         """As `ContactSystem.go`, in absolute coordinates."""
         flight = _Flight(self)
         frame = np.array(driven(begin)[_FRAME]).reshape(3, 3)
-        start = np.concatenate([*absolute(y[:9], y[9:18], frame, self.mechanics.numbers), y[18:]])
+        placed = self.mechanics.bodies.absolute(y[:9], y[9:18], frame)
+        start = np.concatenate([*placed, y[18:]])
         t, y, events, step = flight.go(begin, end, start, driven, contact, first)
         return t, flight.relative(y, driven(t))[0], events, step
 
@@ -147,7 +154,7 @@ class _Flight(ContactSystem):
     def relative(self, y: Floats, asked: Sequence[float]) -> tuple[Floats, Inertial]:
         """The states in the hand's frame (25,)."""
         frame = np.array(asked[_FRAME]).reshape(3, 3)
-        found = Inertial.at(y[:9], y[9:18], frame, self._system.mechanics.numbers)
+        found = self._system.mechanics.bodies.at(y[:9], y[9:18], frame)
         return np.concatenate([found.q, found.p, y[18:]]), found
 
     def watch(self, y: Floats, asked: Sequence[float], contact: Contact) -> list[Event]:

@@ -31,7 +31,7 @@ _FLOOR = {"gap": 1e-13, "corner": 1e-13, "stopped": 1e-12}
 # An event that counts where it comes to zero from above, and only while the next one, or the one
 # before it, is negative: a tip meets the face beside it, or the end of the object from beyond.
 _PARTNER = {"gap": 1, "corner": -1}
-# The longest step, s.
+# The longest step of an explicit method, s. Radau's are long only where nothing happens.
 _MAX_STEP = 2e-3
 # Events within this time are one, s.
 TOGETHER = 1e-12
@@ -78,7 +78,7 @@ class ContactSystem:
         inverse: Of the masses (9,), zero for driven fingers.
         halves: Half the lengths of both sides, m; infinite where they are endless.
         driven: Whether the fingers are.
-        rtol: Relative tolerance of DOP853.
+        rtol: Relative tolerance of the method.
         states: How many there are.
     """
 
@@ -93,8 +93,13 @@ class ContactSystem:
         *,
         length: float,
         driven: bool,
+        method: str = "DOP853",
     ) -> None:
-        """Computes nothing yet; `length` is the size of lengths, for the absolute tolerance."""
+        """Computes nothing yet.
+
+        `length` is the size of lengths, for the absolute tolerance; `method` is one of SciPy's.
+        """
+        self._method, self._implicit = getattr(scipy.integrate, method), method == "Radau"
         self.mechanics, self.friction = mechanics, friction
         self.inverse = 1 / mechanics.masses
         self.driven = driven
@@ -105,7 +110,16 @@ class ContactSystem:
         lengths = list(mechanics.lengths)
         sizes[lengths] = length
         sizes[[9 + k for k in lengths]] = length
-        self._options = {"rtol": self.rtol, "atol": 0.01 * self.rtol * sizes, "max_step": _MAX_STEP}
+        # Nothing depends on the quadratures.
+        self._inner = [k for k in range(self.states) if not 20 <= k < STATES]
+        self._increments = 1e-7 * sizes
+        tolerances = 0.01 * self.rtol * sizes
+        if self._implicit:
+            # At rest Newton's iterations see no more than the rounding of what is stiff.
+            tolerances *= 1e2
+            tolerances[9:18] *= 1e2
+        longest = math.inf if self._implicit else _MAX_STEP
+        self._options = {"rtol": self.rtol, "atol": tolerances, "max_step": longest}
 
     def at(
         self, y: Floats, asked: Sequence[float], contact: Contact
@@ -201,8 +215,19 @@ class ContactSystem:
         def watched(t: float, y: Floats) -> list[Event]:
             return self.watch(y, driven(t), contact)
 
+        def jacobian(t: float, y: Floats) -> Floats:
+            # SciPy's own increments grow without bound where nothing depends on a state.
+            base, found = slope(t, y), np.zeros((self.states, self.states))
+            for k in self._inner:
+                moved = y.copy()
+                moved[k] += self._increments[k]
+                found[:, k] = (slope(t, moved) - base) / self._increments[k]
+            return found
+
+        options = {"jac": jacobian, **self._options} if self._implicit else self._options
+
         def solver(t: float, y: Floats, bound: float, first: float | None) -> Any:
-            return scipy.integrate.DOP853(slope, t, y, bound, first_step=first, **self._options)
+            return self._method(slope, t, y, bound, first_step=first, **options)
 
         run = solver(begin, y, end, min(first, end - begin) or None)
         taken, seen = [first], watched(begin, y)

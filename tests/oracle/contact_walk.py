@@ -82,6 +82,7 @@ class UnilateralReference:
         t: Wanted instants that were reached (n,), s.
         q: (n, 9).
         p: (n, 9); at an impulse just before it.
+        multipliers: (n, 4), N, just after an event or a jump; at an impulse they are of no use.
         changes: Every change of mode.
         ledger: J. Works of "torque", "external", "viscous" (negative) and "impulse"; losses
             "friction", "impact" and "stop" (positive); gains "graze" and "relaxation", of either
@@ -93,6 +94,7 @@ class UnilateralReference:
     t: Floats
     q: Floats
     p: Floats
+    multipliers: Floats
     changes: list[Change]
     ledger: dict[str, float]
     status: str
@@ -152,6 +154,10 @@ class Walk:
                     self._advance(stop)
                 if not self.status and stop < right:
                     rows[stop] = self._row(self.y)
+                    # Long rests would drift off the constraints.
+                    terms = self._terms()
+                    for i, mode in enumerate(self.contact.modes):
+                        self._enter(i, mode, mode, mode != FREE, terms)
             if self.status:
                 break
         else:

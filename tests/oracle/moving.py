@@ -1,18 +1,20 @@
 """A hand that moves, in inertial coordinates: its roots are driven, and no force is fictitious.
 
 The coordinates are absolute: place and angle of the object, angles of the fingers, compressions and
-shears of the tips. SymPy makes Lagrange's equations of the energies of bodies and tips. Elastic
-forces, viscosity, PID and constraints are those of `lagrangian`, at the coordinates in the hand's
-frame; these are functions of the absolute ones and of time, which SymPy differentiates.
+shears of the tips; of a jaw it is the travel. SymPy makes Lagrange's equations of the energies of
+bodies and tips. Elastic forces, viscosity, PID and constraints are those of `lagrangian`, or of
+`contact_parts`, at the coordinates in the hand's frame; these are functions of the absolute ones
+and of time, which SymPy differentiates.
 
 A finger's mass is at its length L from the root, as (16) has it, so that I_i - M_i L^2 is its
-inertia about the centre of mass. The tips have no weight and move in the frame of their finger.
+inertia about the centre of mass; that of a parallelogram's links is there, too, and that of a jaw
+at the centre of its tip. The tips have no weight and move in the frame of their finger.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 from math import cos, prod, sin
@@ -27,10 +29,18 @@ import softpinch
 from softpinch.accuracy.segments import Driven, Inputs
 
 from .evaluate import parameters
-from .lagrangian import PARAMETERS, SHAPES, SIDES, compiled, model
+from .lagrangian import PARAMETERS, SHAPES, SIDES, compiled
 from .trajectory import Reference, reference, start_state
 
 Floats = NDArray[np.float64]
+
+# What the motion of each kind of finger needs.
+_LINKS = ("length", "root_offset", "mass", "inertia")
+_OF_FINGERS: dict[type, tuple[str, ...]] = {
+    softpinch.Finger: _LINKS,
+    softpinch.Parallelogram: _LINKS,
+    softpinch.Jaw: ("root_offset", "half_thickness", "height", "direction", "mass"),
+}
 
 
 class Inertial(NamedTuple):
@@ -46,15 +56,6 @@ class Inertial(NamedTuple):
     jacobian: Floats  # (9, 9)
     bias: Floats  # (9,)
 
-    @classmethod
-    def at(cls, w: Floats, v: Floats, frame: Floats, numbers: dict[str, float]) -> Inertial:
-        """At coordinates and rates; the rows of `frame` (3, 3) are X, Y, phi, and their rates."""
-        values = tuple(numbers[name] for name in PARAMETERS)
-        flat = np.array(_inertial()(w.tolist(), v.tolist(), frame.tolist(), values))
-        return cls(
-            *(each.reshape(-1, 9).squeeze() for each in np.split(flat, [81, 90, 99, 108, 189]))
-        )
-
     def forces(self) -> tuple[Floats, Floats]:
         """Mass matrix (9, 9) and forces (9,) of the motion and of weight, in the hand's frame."""
         back = np.linalg.inv(self.jacobian)
@@ -62,10 +63,62 @@ class Inertial(NamedTuple):
         return mass, back.T @ self.force + mass @ self.bias
 
 
+@dataclass(frozen=True)
+class Bodies:
+    """What has a mass in a scene.
+
+    Attributes:
+        kinds: Of the right finger and of the left one.
+        numbers: By the dotted names of `PARAMETERS`, and those of a jaw; others do no harm.
+    """
+
+    kinds: tuple[type, type]
+    numbers: dict[str, float]
+
+    @classmethod
+    def of(cls, scene: softpinch.Scene) -> Bodies:
+        """Those of a scene."""
+        fingers, grasped = (scene.hand.right, scene.hand.left), scene.grasped
+        numbers = {"gravity": scene.gravity}
+        numbers |= {f"grasped.{name}": getattr(grasped, name) for name in ("mass", "inertia")}
+        for (side, _), finger, tip in zip(SIDES, fingers, scene.hand.tips, strict=True):
+            own = {name: getattr(finger, name) for name in _OF_FINGERS[type(finger)]}
+            numbers |= {f"hand.{side}.{name}": value for name, value in own.items()}
+            for name in ("normal_mass", "tangential_mass"):
+                mass = getattr(tip, name)
+                numbers[f"hand.tip.{side}.{name}"] = grasped.mass if mass is None else mass
+        return cls((type(fingers[0]), type(fingers[1])), {k: float(v) for k, v in numbers.items()})
+
+    def at(self, w: Floats, v: Floats, frame: Floats) -> Inertial:
+        """At coordinates and rates; the rows of `frame` (3, 3) are X, Y, phi, and their rates."""
+        function, names = _inertial(self.kinds)
+        values = [self.numbers[name] for name in names]
+        flat = np.array(function(w.tolist(), v.tolist(), frame.tolist(), values))
+        return Inertial(
+            *(each.reshape(-1, 9).squeeze() for each in np.split(flat, [81, 90, 99, 108, 189]))
+        )
+
+    def absolute(self, q: Floats, p: Floats, frame: Floats) -> tuple[Floats, Floats]:
+        """The absolute coordinates and their rates."""
+        x, y, phi = frame[0]
+        place = [x + q[0] * cos(phi) - q[1] * sin(phi), y + q[0] * sin(phi) + q[1] * cos(phi)]
+        fingers = [
+            z if kind is softpinch.Jaw else phi - s * z
+            for kind, (_, s), z in zip(self.kinds, SIDES, q[3:5].tolist(), strict=True)
+        ]
+        w = np.array([*place, q[2] + phi, *fingers, *q[5:]])
+        system = self.at(w, np.zeros(9), frame)
+        return w, np.linalg.solve(system.jacobian, p - system.p)
+
+
 @cache
-def _inertial() -> Callable[..., Sequence[float]]:
-    """The entries of `Inertial` as a function of w, w', the frame and the parameters."""
-    system = model()
+def _inertial(kinds: tuple[type, type]) -> tuple[Callable[..., Sequence[float]], list[str]]:
+    """The entries of `Inertial` as a function of w, w', the frame and numbers, and their names."""
+    numbers: dict[str, Any] = {}
+
+    def number(name: str) -> Any:
+        return numbers.setdefault(name, sp.Symbol(name.replace(".", "_"), real=True))
+
     names = ("x", "y", "theta", "beta1", "beta2", "dn1", "dn2", "dt1", "dt2")
     w, v, a = (sp.symbols([f"{name}_{order}" for name in names], real=True) for order in range(3))
     frame = [sp.symbols([f"{n}_{k}" for n in ("X", "Y", "phi")], real=True) for k in range(3)]
@@ -81,29 +134,32 @@ def _inertial() -> Callable[..., Sequence[float]]:
         )
 
     (*origin, phi) = frame[0]
-    mass, inertia, g = (
-        system.parameters[n] for n in ("grasped.mass", "grasped.inertia", "gravity")
-    )
+    mass, inertia, g = map(number, ("grasped.mass", "grasped.inertia", "gravity"))
     kinetic = (mass * (v[0] ** 2 + v[1] ** 2) + inertia * v[2] ** 2) / 2
     weight = mass * g * w[1]
-    angles = []
-    for i, (_, s) in enumerate(SIDES):
-        tip = system.tip(i)
-        beta, length = w[3 + i], tip["finger_length"]
-        root = sp.Matrix(origin) + turned(phi, -s * tip["finger_root_offset"], 0)
-        center = root + turned(beta, 0, length)
+    fingers = []
+    for i, (side, s) in enumerate(SIDES):
+        own = {name: number(f"hand.{side}.{name}") for name in _OF_FINGERS[kinds[i]]}
+        root, z = -s * own["root_offset"], w[3 + i]
+        if kinds[i] is softpinch.Jaw:
+            across = s * (own["half_thickness"] + z * sp.cos(own["direction"]))
+            up = own["height"] + z * sp.sin(own["direction"])
+            center = sp.Matrix(origin) + turned(phi, root + across, up)
+            fingers.append(z)
+        else:
+            center = sp.Matrix(origin) + turned(phi, root, 0) + turned(z, 0, own["length"])
+            about_center = own["inertia"] - own["mass"] * own["length"] ** 2
+            kinetic += about_center * v[3 + i] ** 2 / 2
+            fingers.append(s * (phi - z))  # turned inward, clockwise for the left finger
         velocity = center.applyfunc(rate)
-        about_center = tip["finger_inertia"] - tip["finger_mass"] * length**2
         kinetic += (
-            tip["finger_mass"] * velocity.dot(velocity)
-            + about_center * v[3 + i] ** 2
-            + tip["normal_mass"] * v[5 + i] ** 2
-            + tip["tangential_mass"] * v[7 + i] ** 2
+            own["mass"] * velocity.dot(velocity)
+            + number(f"hand.tip.{side}.normal_mass") * v[5 + i] ** 2
+            + number(f"hand.tip.{side}.tangential_mass") * v[7 + i] ** 2
         ) / 2
-        weight += tip["finger_mass"] * g * center[1]
-        angles.append(s * (phi - beta))  # turned inward, clockwise for the left finger
+        weight += own["mass"] * g * center[1]
     place = turned(-phi, w[0] - origin[0], w[1] - origin[1])
-    q = sp.Matrix([*place, w[2] - phi, *angles, *w[5:]])
+    q = sp.Matrix([*place, w[2] - phi, *fingers, *w[5:]])
     p = q.applyfunc(rate)
     equations = sp.Matrix([
         rate(sp.diff(kinetic, dx)) - sp.diff(kinetic, x) + sp.diff(weight, x)
@@ -111,12 +167,12 @@ def _inertial() -> Callable[..., Sequence[float]]:
     ])  # fmt: skip
     parts = (equations.jacobian(a), -equations.subs(still), q, p, q.jacobian(w),
              p.applyfunc(rate).subs(still))  # fmt: skip
-    arguments = (w, v, frame, tuple(system.parameters.values()))
+    arguments = (w, v, frame, tuple(numbers.values()))
     entries = [entry for part in parts for entry in part]
     function: Callable[..., Sequence[float]] = sp.lambdify(
         arguments, entries, modules="math", cse=True, docstring_limit=0
     )
-    return function
+    return function, list(numbers)
 
 
 def published(q: Floats, p: Floats, frame: Floats, numbers: dict[str, float]) -> Floats:
@@ -148,17 +204,6 @@ class Moving(NamedTuple):
     q: Floats
     p: Floats
     multipliers: Floats
-
-
-def absolute(
-    q: Floats, p: Floats, frame: Floats, numbers: dict[str, float]
-) -> tuple[Floats, Floats]:
-    """The absolute coordinates and their rates."""
-    (x, y, phi), s = frame[0], np.array([side[1] for side in SIDES])
-    place = [x + q[0] * cos(phi) - q[1] * sin(phi), y + q[0] * sin(phi) + q[1] * cos(phi)]
-    w = np.array([*place, q[2] + phi, *(phi - s * q[3:5]), *q[5:]])
-    system = Inertial.at(w, np.zeros(9), frame, numbers)
-    return w, np.linalg.solve(system.jacobian, p - system.p)
 
 
 def frames(motion: softpinch.HandMotion, left: float, right: float) -> Callable[[float], Floats]:
@@ -207,7 +252,7 @@ def moving(
         rtol: Relative tolerance of DOP853.
     """
     numbers = parameters(scene)
-    values = tuple(numbers[name] for name in PARAMETERS)
+    values, bodies = tuple(numbers[name] for name in PARAMETERS), Bodies.of(scene)
     start, begin = start_state(scene)
     inputs = Inputs(scene, begin, begin + scene.duration)
     stops = np.asarray(times, dtype=np.float64)
@@ -217,7 +262,7 @@ def moving(
         """The rates of the state, then q, p and the multipliers."""
         frame, (*target, fx, fy, moment) = framed(t), driven(t)
         w, v, integral = y[:9], y[9:18], y[18:]
-        system = Inertial.at(w, v, frame, numbers) if inertial else None
+        system = bodies.at(w, v, frame) if inertial else None
         q, p = (w, v) if system is None else (system.q, system.p)
         terms = _terms((*q, *p, *integral, *target, 0.0, 0.0, 0.0), values)
         phi, b = terms["constraint_matrix"], terms["constraint_rate"]
@@ -239,7 +284,7 @@ def moving(
     y = start
     if inertial:
         frame = frames(motion, begin, float(edges[1]))(begin)
-        y = np.concatenate([*absolute(start[:9], start[9:18], frame, numbers), start[18:]])
+        y = np.concatenate([*bodies.absolute(start[:9], start[9:18], frame), start[18:]])
     found = []
     for left, right in pairwise(edges.tolist()):
         # Neither sees what follows its last instant.

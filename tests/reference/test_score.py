@@ -262,6 +262,14 @@ def test_creep_is_reported_in_millimetres(
     assert "creep 0.099 mm, should be 0 mm" in out
 
 
+def test_what_is_not_reported_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = score.solution(SLIP)[1].rows.tolist()
+    bare = table(tmp_path / "bare.csv", HEADER[:-1], [[SLIP, *row[:-1]] for row in rows])
+    status, out, _ = printed(capsys, bare)
+    assert status == 0
+    assert "right to 1e-09; energy not reported; events not reported" in out
+
+
 def refusals(folder: Path) -> dict[str, tuple[Path, str]]:
     """Files that cannot be scored, and what the message says of each."""
     header = HEADER[:5]
@@ -292,6 +300,15 @@ def refusals(folder: Path) -> dict[str, tuple[Path, str]]:
             "column y must be a number, not 'two'",
         ),
         "cut line": (table(folder / "cut.csv", HEADER, [row[:9]]), "must be a number, not None"),
+        "twice": (
+            table(folder / "twice.csv", [*HEADER, "x"], [[*row, "0"]]),
+            "two columns have the same name: x",
+        ),
+        "commas": (
+            table(folder / "commas.csv", HEADER, [[*row[:2], "0", "5", *row[3:]]]),
+            "line 2: more entries than the header; decimals are written with a point",
+        ),
+        "rare": (table(folder / "r.csv", HEADER, [[score.RARE, *row[1:]]]), "has no rows; give --"),
         "problem": (table(folder / "p.csv", HEADER, [["x", *row[1:]]]), "'x' is none of the prob"),
         "path": (table(folder / "q.csv", HEADER, [["..", *row[1:]]]), "'..' is none of the prob"),
         "short": (

@@ -17,6 +17,7 @@ from oracle import UnilateralReference, unilateral
 from oracle.moving import Moving
 from softpinch import ContactMode
 from transforms import MIRROR_MULTIPLIERS, mirrored, mirrored_coordinates
+from unilateral_parts import grasp
 
 TIMES = np.array([0.0127, 0.0223, 0.0341, 0.0489])
 GRASP = replace(
@@ -130,6 +131,21 @@ def test_other_steps_and_formulations_move_as_in_inertial_coordinates(
     options: dict[str, Any],
 ) -> None:
     follows(SCENES["turning"], expected("turning"), options, 1e-10, 1e-12)
+
+
+# Kinds and seeds of `grasp`, and the tilts that the motion begins and ends with.
+OTHER_PARTS = [("jaw", 14, 0.5), ("parallelogram", 44, -0.4), ("mixed", 28, 0.5), ("jaw", 20, 0.0)]
+
+
+@pytest.mark.parametrize(("kind", "seed", "tilt"), OTHER_PARTS)
+def test_other_parts_slip_and_open_as_in_inertial_coordinates(
+    kind: str, seed: int, tilt: float
+) -> None:
+    move = sp.HandMotion.minimum_jerk([0.001, 0.015], [[0.0, 0.0], [0.01, 0.005]], [0.1, tilt])
+    scene = grasp(kind, seed).with_({"motion": move})
+    run = follows(scene, unilateral(scene, [0.004, 0.009, 0.0131]), METHODS[1], 1e-10, 1e-11)
+    modes = {change.after for change in run.contact_changes}
+    assert {ContactMode.SLIP, ContactMode.FREE} <= modes
 
 
 @st.composite
