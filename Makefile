@@ -137,7 +137,7 @@ digests: build ## Store the bits of today's results, after RESULTS_VERSION was r
 	$(BIN)/python tests/support/digests.py
 
 .PHONY: rare-truth
-rare-truth: build ## Compute plain runs of scenes with rare events, and store their probabilities; takes an hour
+rare-truth: build ## Compute plain runs of scenes with rare events, and store their probabilities; continues from those that are stored, takes hours
 	$(BIN)/python tests/support/rare_scenes.py
 
 .PHONY: operations

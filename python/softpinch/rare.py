@@ -50,8 +50,8 @@ class RareEvent(Result):
 
     Attributes:
         probability: The estimate; 0 if the levels did not reach the event.
-        interval: Its 95 % confidence interval, log-normal with `cov`. If the probability is 0, the
-            upper end is a bound that holds if the levels lead to the event.
+        interval: Its 95 % confidence interval, log-normal with `cov` and 15 % more. If the
+            probability is 0, the upper end is a bound that holds if the levels lead to the event.
         cov: Coefficient of variation of the estimate, with the correlation of the chains.
         levels: The levels on the way to the event, `Level`.
         runs: Number of computed runs.

@@ -3,7 +3,8 @@
 make rare-truth
 
 computes plain runs of each scene, and writes how many had the event to rare_scenes.toml beside this
-file. An event is an argument of `rare_event`.
+file, after each part of 250 000 runs. It continues from the runs that the file has; to begin a
+scene anew, delete its table. An event is an argument of `rare_event`.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from softpinch.support import toml
 FILE = Path(__file__).with_suffix(".toml")
 COMMAND = "make rare-truth"
 SEED = 17
-# Plain runs that are kept in memory at a time.
-_AT_ONCE = 250_000
+# Plain runs that are kept in memory at a time; each such part has its own seed.
+_PART = 250_000
 
 
 @dataclass(frozen=True)
@@ -35,23 +36,20 @@ class RareScene:
     vary: Mapping[Any, Any]
     event: Any
     dt: float
-    runs: int = 4_000_000
+    runs: int = 10_000_000
 
-    def plain(self, seed: int) -> int:
-        """How many of the plain runs have the event."""
-        total = 0
-        for k, first in enumerate(range(0, self.runs, _AT_ONCE)):
-            study = sp.monte_carlo(
-                self.scene,
-                min(_AT_ONCE, self.runs - first),
-                1000 * seed + k,
-                self.vary,
-                dt=self.dt,
-                summaries=("peak_rotation", "margin"),
-                progress=False,
-            )
-            total += int(np.count_nonzero(self._happens(study)))
-        return total
+    def plain(self, part: int, seed: int) -> int:
+        """How many of the plain runs of a part have the event."""
+        study = sp.monte_carlo(
+            self.scene,
+            _PART,
+            1000 * seed + part,
+            self.vary,
+            dt=self.dt,
+            summaries=("peak_rotation", "margin"),
+            progress=False,
+        )
+        return int(np.count_nonzero(self._happens(study)))
 
     def _happens(self, study: Any) -> Any:
         if self.event == "lost":
@@ -95,7 +93,6 @@ SCENES = {
         {"friction": sp.LogNormal(0.6, 0.1), "grasped.mass": sp.LogNormal(0.1, 0.1)},
         "lost",
         2.5e-4,
-        1_000_000,
     ),
     "pushes": RareScene(
         _PUSHES,
@@ -133,15 +130,20 @@ def known() -> dict[str, sp.Estimate]:
 
 
 def main(names: list[str]) -> None:
-    """Computes plain runs of each scene, or of these ones, and writes the file."""
-    found = toml.read(FILE)["scenes"] if names else {}
+    """Computes the plain runs that the file lacks of each scene, or of these, and writes them."""
+    found = toml.read(FILE)["scenes"] if FILE.exists() else {}
     for name in names or SCENES:
-        begun = time.perf_counter()
-        one = SCENES[name]
-        found[name] = {"happened": one.plain(SEED), "runs": one.runs, "seed": SEED}
-        spent = time.perf_counter() - begun
-        print(f"{name}: {sp.Estimate.counted(found[name]['happened'], one.runs)} in {spent:.0f} s")
-    FILE.write_text(toml.dumps({"command": COMMAND, "scenes": found}, "study"), encoding="utf-8")
+        begun, scene = time.perf_counter(), SCENES[name]
+        one = found.setdefault(name, {"happened": 0, "runs": 0, "seed": SEED})
+        first = one["runs"]
+        while one["runs"] < scene.runs:
+            one["happened"] += scene.plain(one["runs"] // _PART, one["seed"])
+            one["runs"] += _PART
+            text = toml.dumps({"command": COMMAND, "scenes": found}, "study")
+            FILE.write_text(text, encoding="utf-8")
+        spent, new = time.perf_counter() - begun, one["runs"] - first
+        estimate = sp.Estimate.counted(one["happened"], one["runs"])
+        print(f"{name}: {estimate}; {new} more runs in {spent:.0f} s", flush=True)
 
 
 if __name__ == "__main__":
