@@ -102,7 +102,7 @@ impl<'a> Problem<'a> {
         let Setting { formulation, ref gains, level, open_loop, frozen } = *setting;
         level.require()?;
         let mut drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
-        let (mut model, mut modes, fingers) = (ContactModel::Bilateral, None, inputs.fingers());
+        let (mut model, mut modes, fingers) = (ContactModel::Bilateral, None, inputs.fingers);
         if let Some(&[right, left, ref tilts @ ..]) = contact {
             let now = Geometry::of_scene(parameters, &motion.q, &motion.p).tilt();
             let [r, l] = [0, 1].map(|i| if tilts[i].is_nan() { now[i] } else { tilts[i] });
@@ -242,7 +242,7 @@ pub fn growth(
     let (formulation, gains) = (Formulation::Nullspace, Stabilization { alpha: 0.0, beta: 0.0 });
     let setting = Setting { formulation, gains, level, open_loop: false, frozen: false };
     let mut a = Problem::new(parameters, inputs, &setting, 0.0, motion, None).ok()?.jacobian();
-    let degrees = if inputs.fingers() == Fingers::Driven { 3 } else { 5 };
+    let degrees = if inputs.fingers == Fingers::Driven { 3 } else { 5 };
     let shears = 2 * degrees;
     // No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N.
     for row in 0..a.nrows() {
