@@ -73,7 +73,7 @@ impl Batch {
         };
         let inputs = self.inputs.get().of(run, origin)?;
         let mut initial = match &self.start {
-            Start::Made(_, true) if inputs.fingers() == Fingers::Driven => {
+            Start::Made(_, true) if inputs.fingers == Fingers::Driven => {
                 start::driven(&parameters, &inputs, 0.0, self.options.contact)?
             }
             Start::Made(make, _) => State::at_rest(make(&parameters)?),

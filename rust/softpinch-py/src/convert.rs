@@ -36,7 +36,6 @@ pub fn room<T>(what: &'static str, entries: usize) -> PyResult<Vec<T>> {
     reserved(what, entries).map_err(raise)
 }
 
-/// Collects a user's entries in a vector.
 pub fn collected<T>(what: &'static str, entries: impl ExactSizeIterator<Item = T>) -> PyResult<Vec<T>> {
     let mut vector = room(what, entries.len())?;
     vector.extend(entries);

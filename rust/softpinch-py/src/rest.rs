@@ -81,7 +81,7 @@ impl RestScene {
         let inputs = inputs.of(0, 0.0).map_err(raise)?.frozen(time);
         let level = Level::from_environment().map_err(raise)?;
         let drive = inputs.segment(time);
-        let scene = CoreRestScene::new(level, &parameters.0, inputs.fingers(), &drive).map_err(raise)?;
+        let scene = CoreRestScene::new(level, &parameters.0, inputs.fingers, &drive).map_err(raise)?;
         Ok(Self(scene))
     }
 

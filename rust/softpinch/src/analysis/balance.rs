@@ -24,9 +24,8 @@ use crate::model::{
     Any, Carriage, Constants, Coordinates, Energies, Fingers, FrameMotion, Geometry, HandMotion, Input,
     Inputs, MechanismKind, Motion, Parameters, Plant, SegmentDrive, ShapeKind, each_coordinate,
 };
-use crate::number::{
-    Dual, LaneKernel, LaneTask, Lanes, Level, MOST, Real, call_four_lanes, gather, signed, task,
-};
+use crate::number::{Dual, LaneKernel, Lanes, Level, MOST, Real, call_four_lanes, signed};
+use crate::stepping::column;
 
 /// Number of unknowns: the pose (x, y, theta, theta_1, theta_2) and two shears.
 pub const UNKNOWNS: usize = 7;
@@ -34,8 +33,6 @@ pub const UNKNOWNS: usize = 7;
 pub type Unknowns<R = f64> = [R; UNKNOWNS];
 /// The place of the right finger among the unknowns, the rows and the forces; the left finger is next.
 pub(super) const FINGER: usize = 3;
-/// Dual numbers with a direction for each unknown. The last direction is unused; eight fill a vector.
-type Directions = Dual<f64, 8>;
 
 /// A member of the family of equilibria, by two conditions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -115,55 +112,16 @@ impl<R: Real> Balance<R> {
     }
 }
 
-/// The balance of unknowns with derivatives, and the derivatives of the shears by the pose under the no-slip constraint.
-#[inline(always)]
-fn seeded<R: Lanes, const W: usize>(
-    scene: &RestScene,
-    plant: &Plant<Dual<R, W>>,
-    z: &Unknowns<Dual<R, W>>,
-) -> (Balance<Dual<R, W>>, [[f64; 5]; 2]) {
-    let input = scene.input.map(Dual::constant);
-    let frame = scene.frame.map(|frame| frame.map(Dual::constant));
-    let (found, geometry) = Balance::new(plant, (&input, frame.as_ref()), z);
-    let mut no_slip = [[0.0; 5]; 2];
-    for (i, row) in no_slip.iter_mut().enumerate() {
-        let contact = &geometry.contacts[i];
-        let [along, across] = contact.push(i, [Dual::zero(), Dual::constant(1.0)]);
-        let [x, y] = geometry.outward(along, across);
-        *row = [-x.value.lane(0), -y.value.lane(0), -contact.e.value.lane(0), 0.0, 0.0];
-        row[FINGER + i] = -contact.f.value.lane(0);
-    }
-    (found, no_slip)
-}
-
-impl Balance<Directions> {
-    fn nothing() -> Self {
-        let (zero, q) = (Directions::zero(), Coordinates::zero());
-        let (pair, forces) = ([zero; 2], [zero; 5]);
-        Self { q, tilt: pair, sigma: pair, forces, torque: pair, multipliers: [zero; 4] }
-    }
-
-    /// Takes values and derivatives in the directions from `first` on.
-    fn gather<X: Lanes>(&mut self, first: usize, own: &Balance<Dual<X, 1>>) {
-        let mut q = self.q.row();
-        gather(&mut q, first, &own.q.row());
-        gather(&mut self.tilt, first, &own.tilt);
-        gather(&mut self.sigma, first, &own.sigma);
-        gather(&mut self.forces, first, &own.forces);
-        gather(&mut self.torque, first, &own.torque);
-        gather(&mut self.multipliers, first, &own.multipliers);
-        self.q = q.into();
-    }
-
+impl<R: Lanes> Balance<Dual<R, 1>> {
     fn values(&self) -> Balance<f64> {
         let q = self.q;
         Balance {
-            q: each_coordinate!([q] => q.value),
-            tilt: self.tilt.map(|dual| dual.value),
-            sigma: self.sigma.map(|dual| dual.value),
-            forces: self.forces.map(|dual| dual.value),
-            torque: self.torque.map(|dual| dual.value),
-            multipliers: self.multipliers.map(|dual| dual.value),
+            q: each_coordinate!([q] => q.lane(0)),
+            tilt: column(&self.tilt, 0),
+            sigma: column(&self.sigma, 0),
+            forces: column(&self.forces, 0),
+            torque: column(&self.torque, 0),
+            multipliers: column(&self.multipliers, 0),
         }
     }
 }
@@ -177,17 +135,6 @@ pub(super) fn coordinates<R: Real>(
     Coordinates { object: [x, y, theta], finger: [right, left], compression, shear: [shear1, shear2] }
 }
 
-/// The derivatives of numbers by the unknowns.
-fn slopes<const N: usize>(duals: &[Directions; N]) -> [Unknowns; N] {
-    duals.each_ref().map(|dual| std::array::from_fn(|k| dual.slope[k]))
-}
-
-/// The plant of a scene, in plain numbers and in those of the derivatives.
-#[inline(never)]
-fn plants(parameters: &Parameters, fingers: Fingers, moves: bool) -> (Plant<f64>, Plant<Directions>) {
-    (Plant::called(parameters, fingers, moves), Plant::new(parameters, fingers, moves))
-}
-
 /// A scene at rest under constant inputs.
 #[derive(Debug, Clone, Copy)]
 pub struct RestScene {
@@ -198,7 +145,6 @@ pub struct RestScene {
     pub frame: Option<FrameMotion<f64>>,
     pub(super) level: Level,
     pub(super) plant: Plant<f64>,
-    dual: Plant<Directions>,
 }
 
 /// The balance at one set of unknowns, with its derivatives by the unknowns.
@@ -222,21 +168,19 @@ impl RestScene {
         fingers: Fingers,
         drive: &SegmentDrive,
     ) -> Result<Self, Error> {
-        let (plant, dual) = plants(parameters, fingers, drive.frame.is_some());
         Ok(Self {
             fingers,
             input: drive.at(0.0),
             frame: drive.frame.as_ref().map(|frame| frame.at(0.0)),
             level,
-            plant,
-            dual,
+            plant: Plant::called(parameters, fingers, drive.frame.is_some()),
             parameters: *parameters,
         })
     }
 
     pub(crate) fn with(&self, parameters: Parameters) -> Self {
-        let (plant, dual) = plants(&parameters, self.fingers, self.frame.is_some());
-        Self { parameters, plant, dual, ..*self }
+        let plant = Plant::called(&parameters, self.fingers, self.frame.is_some());
+        Self { parameters, plant, ..*self }
     }
 
     pub(crate) fn under(&self, input: Input<f64>) -> Self {
@@ -352,65 +296,71 @@ impl RestScene {
 
     /// The rows of a member and their derivatives.
     pub fn rows(&self, member: &Member, z: &Unknowns) -> Rows {
-        f64::outlined(Evaluate { scene: self, member, z })
-    }
-
-    /// Evaluates the balance in dual numbers, with the instructions of the caller.
-    #[inline(always)]
-    fn evaluate(&self, member: &Member, z: &Unknowns) -> Rows {
-        let mut unknowns = [Directions::zero(); UNKNOWNS];
-        for k in 0..UNKNOWNS {
-            unknowns[k] = Dual::variable(z[k], k);
-        }
-        let (found, no_slip) = if self.parameters.has_the_papers_parts() {
-            seeded::<f64, _>(self, &self.dual, &unknowns)
-        } else {
-            call_four_lanes(OtherParts(self, &unknowns))
-        };
-        let held = self.held();
-        let mut rows = [Directions::zero(); UNKNOWNS];
-        rows[..5].copy_from_slice(&found.forces);
-        for i in 0..2 {
-            rows[FINGER + i] = if held[i] {
-                unknowns[FINGER + i] - Dual::constant(self.input.target[i])
-            } else {
-                rows[FINGER + i] + found.torque[i]
-            };
-        }
-        rows[5..].copy_from_slice(&member.rows(&found));
-        Rows {
-            values: rows.map(|row| row.value),
-            jacobian: slopes(&rows),
-            balance: found.values(),
-            forces: slopes(&found.forces),
-            sigma: slopes(&found.sigma),
-            compressions: slopes(&found.q.compression),
-            no_slip,
-        }
+        call_four_lanes(Evaluate { scene: self, member, z })
     }
 }
 
-/// Evaluates the balance of other parts than the paper's, with one direction in each lane.
-struct OtherParts<'a>(&'a RestScene, &'a Unknowns<Directions>);
+/// Evaluates the balance in dual numbers, with one direction in each lane.
+struct Evaluate<'a> {
+    scene: &'a RestScene,
+    member: &'a Member,
+    z: &'a Unknowns,
+}
 
-impl LaneKernel for OtherParts<'_> {
-    type Output = (Balance<Directions>, [[f64; 5]; 2]);
+impl LaneKernel for Evaluate<'_> {
+    type Output = Rows;
 
     #[inline(always)]
-    fn run<X: Lanes>(self) -> Self::Output {
-        let Self(scene, unknowns) = self;
+    fn run<X: Lanes>(self) -> Rows {
+        let Self { scene, member, z } = self;
         let parameters = [&scene.parameters; MOST];
         let plant = Plant::called(&Constants(&parameters), scene.fingers, scene.frame.is_some());
-        let (mut found, mut no_slip) = (Balance::nothing(), [[0.0; 5]; 2]);
+        let (input, frame) =
+            (scene.input.map(Dual::constant), scene.frame.map(|own| own.map(Dual::constant)));
+        let (held, mut found) = (scene.held(), None);
         for first in (0..UNKNOWNS).step_by(X::WIDTH) {
-            let own;
-            (own, no_slip) = seeded::<X, 1>(scene, &plant, &unknowns.map(|own| own.spread(first)));
-            found.gather(first, &own);
+            let mut unknowns = [Dual::<X, 1>::zero(); UNKNOWNS];
+            for k in 0..UNKNOWNS {
+                let along = |lane: usize| f64::from(first + lane == k);
+                unknowns[k] = Dual { value: X::constant(z[k]), slope: [X::from_fn(along)] };
+            }
+            let (balance, geometry) = Balance::new(&plant, (&input, frame.as_ref()), &unknowns);
+            let mut rows = [Dual::zero(); UNKNOWNS];
+            rows[..5].copy_from_slice(&balance.forces);
+            for i in 0..2 {
+                rows[FINGER + i] = if held[i] {
+                    unknowns[FINGER + i] - input.target[i]
+                } else {
+                    rows[FINGER + i] + balance.torque[i]
+                };
+            }
+            rows[5..].copy_from_slice(&member.rows(&balance));
+            let all = found.get_or_insert_with(|| {
+                let mut no_slip = [[0.0; 5]; 2];
+                for (i, row) in no_slip.iter_mut().enumerate() {
+                    let contact = &geometry.contacts[i];
+                    let [along, across] = contact.push(i, [Dual::zero(), Dual::constant(1.0)]);
+                    let [x, y] = geometry.outward(along, across);
+                    *row = [-x.lane(0), -y.lane(0), -contact.e.lane(0), 0.0, 0.0];
+                    row[FINGER + i] = -contact.f.lane(0);
+                }
+                let (jacobian, forces, pair) = ([[0.0; _]; _], [[0.0; _]; _], [[0.0; _]; 2]);
+                let (values, balance) = (column(&rows, 0), balance.values());
+                Rows { values, jacobian, balance, forces, sigma: pair, compressions: pair, no_slip }
+            });
+            for (to, from) in [
+                (&mut all.jacobian[..], &rows[..]),
+                (&mut all.forces, &balance.forces),
+                (&mut all.sigma, &balance.sigma),
+                (&mut all.compressions, &balance.q.compression),
+            ] {
+                for (to, from) in to.iter_mut().zip(from) {
+                    for k in first..UNKNOWNS.min(first + X::WIDTH) {
+                        to[k] = from.slope[0].lane(k - first);
+                    }
+                }
+            }
         }
-        (found, no_slip)
+        found.unwrap_or_else(|| unreachable!("there are unknowns"))
     }
-}
-
-task! {
-    ['a] Evaluate<'a>(scene: &'a RestScene, member: &'a Member, z: &'a Unknowns) for f64 => Rows = scene.evaluate(member, z)
 }

@@ -37,7 +37,7 @@ pub fn evaluate(
     let drive = inputs.segment(t);
     let input = drive.at(0.0);
     // With tips that stick the equations of unilateral contact are those of bilateral contact.
-    let plant = Plant::<f64>::called(parameters, inputs.fingers(), inputs.moves());
+    let plant = Plant::<f64>::called(parameters, inputs.fingers, inputs.moves());
     let equations = Unilateral::<f64>::new(parameters, Csm::new(plant, stabilization));
     let own = drive.frame.as_deref().copied();
     let equations::Terms { geometry, forces, response, .. } =

@@ -5,14 +5,14 @@
 use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
-use crate::formulation::{Choice, Contact, Formulation, Linear, Seeded, States, System};
+use crate::formulation::{Choice, Contact, Formulation, Linear, SceneEquations, Seeded, States, System};
 use crate::method::Runs;
 use crate::model::contact::Side;
 use crate::model::{
-    ContactModel, ContactRow, Coordinates, DIRECTIONS, Fingers, FrameMotion, Geometry, Input, Inputs, Mode,
+    Constants, ContactModel, ContactRow, Coordinates, Fingers, FrameMotion, Geometry, Input, Inputs, Mode,
     Motion, Parameters, Rule, SegmentDrive, Stabilization,
 };
-use crate::number::{Dual, LaneTask, Level, MOST, Real, task};
+use crate::number::{Dual, LaneKernel, LaneTask, Lanes, Level, MOST, Real, call_four_lanes, task};
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).
@@ -58,14 +58,11 @@ pub struct Problem<'a> {
     modes: Option<[Mode; 2]>,
 }
 
-/// A number with its derivative in one direction, for which the equations of all parts are compiled.
-type One = Dual<f64, 1>;
-
 task! {
     /// Puts a state of `csm` on the constraints that the modes hold. Driven fingers are given.
-    ['a]
-    Constrain<'a>(sides: &'a [Side<One>; 2], modes: [Mode; 2], driven: Option<&'a [[One; 2]; 2]>, y: &'a mut States<One>)
-    for One => () = {
+    ['a, D: Lanes]
+    Constrain<'a, D>(sides: &'a [Side<D>; 2], modes: [Mode; 2], driven: Option<&'a [[D; 2]; 2]>, y: &'a mut States<D>)
+    for D => () = {
         let pose = if driven.is_some() { 3 } else { 5 };
         let (mut q, mut p) = (Coordinates::zero(), Coordinates::zero());
         for (own, first) in [(&mut q, 0), (&mut p, pose + 4)] {
@@ -75,7 +72,7 @@ task! {
         if let Some(&[turn, rate]) = driven {
             (q.finger, p.finger) = (turn, rate);
         }
-        Geometry::<One>::constrained(sides, &mut q, &mut p);
+        Geometry::<D>::constrained(sides, &mut q, &mut p);
         for i in 0..2 {
             if modes[i].is_closed() {
                 (y[pose + i], y[2 * pose + 4 + i]) = (q.compression[i], p.compression[i]);
@@ -102,7 +99,7 @@ impl<'a> Problem<'a> {
         let Setting { formulation, ref gains, level, open_loop, frozen } = *setting;
         level.require()?;
         let mut drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
-        let (mut model, mut modes, fingers) = (ContactModel::Bilateral, None, inputs.fingers());
+        let (mut model, mut modes, fingers) = (ContactModel::Bilateral, None, inputs.fingers);
         if let Some(&[right, left, ref tilts @ ..]) = contact {
             let now = Geometry::of_scene(parameters, &motion.q, &motion.p).tilt();
             let [r, l] = [0, 1].map(|i| if tilts[i].is_nan() { now[i] } else { tilts[i] });
@@ -154,66 +151,79 @@ impl<'a> Problem<'a> {
     /// The model with all inputs and outputs. The states are those of `nullspace`; another formulation is an error. In
     /// unilateral contact they are the independent ones, and the others follow them on the constraints.
     pub fn model(&self) -> Result<LinearModel> {
-        let (mut y, states) = self.states();
-        let independent = self.independent(states);
+        let formulation = self.runs.choice.formulation;
+        if formulation != Formulation::Nullspace {
+            let allowed = "\"nullspace\", for a model with inputs and outputs";
+            return Err(Error::unknown("formulation", formulation.name(), allowed));
+        }
+        Ok(call_four_lanes(Linearized(self)))
+    }
+}
+
+/// Computes a model, with one direction in each lane.
+struct Linearized<'a>(&'a Problem<'a>);
+
+impl LaneKernel for Linearized<'_> {
+    type Output = LinearModel;
+
+    #[inline(always)]
+    fn run<X: Lanes>(self) -> LinearModel {
+        let problem = self.0;
+        let (mut y, states) = problem.states();
+        let independent = problem.independent(states);
         let states = independent.len();
-        let input = self.drive.at(0.0_f64);
-        let driven = self.runs.choice.fingers == Fingers::Driven;
-        let frame = self.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
+        let Runs { mut choice, parameters, gains } = problem.runs;
+        let driven = choice.fingers == Fingers::Driven;
+        let input = problem.drive.at(0.0_f64);
+        let frame = problem.drive.frame.as_ref().map_or_else(FrameMotion::still, |frame| frame.at(0.0));
         let mut values = Vec::new();
         inputs(&input, &frame, driven, |value, varies| values.extend(varies.then_some(value)));
-        let Runs { mut choice, parameters: [parameters, ..], .. } = self.runs;
         // The weights are forces of the motion, which may be that of a hand at rest.
         choice.moves = true;
-        let tangent = Runs { choice, ..self.runs }.tangent::<f64>();
-        let sides = Side::<One>::both(parameters);
+        let source = &Constants(&parameters);
+        let equations = SceneEquations::<Dual<X, 1>>::new(choice, source, gains);
+        let (sides, contacts) = (Side::both(source), problem.drive.contacts.spread());
 
         let all = states + values.len();
         let mut rates = DMatrix::zeros(states, all);
         let mut outputs = DMatrix::zeros(OUTPUTS, all);
         let (mut rate, mut output) = (DVector::zeros(states), DVector::zeros(OUTPUTS));
-        for first in (0..all).step_by(DIRECTIONS) {
-            let (input, frame) = seed(&input, &frame, driven, states.wrapping_sub(first));
-            let mut dual_y = y.map(|number| Dual::<f64, DIRECTIONS>::variable(number, DIRECTIONS));
-            for k in 0..DIRECTIONS {
-                let mut one = y.map(|number| One::variable(number, 1));
-                if let Some(&place) = independent.get(first + k) {
-                    one[place] = One::variable(y[place], 0);
-                }
-                if let Some(modes) = self.modes {
-                    let along =
-                        |number: Dual<f64, DIRECTIONS>| One { value: number.value, slope: [number.slope[k]] };
-                    let given = [input.target, input.target_rate].map(|pair| pair.map(along));
-                    let driven = driven.then_some(&given);
-                    One::outlined(Constrain { sides: &sides, modes, driven, y: &mut one });
-                }
-                for (dual, one) in dual_y.iter_mut().zip(one) {
-                    (dual.value, dual.slope[k]) = (one.value, one.slope[0]);
-                }
+        for first in (0..all).step_by(X::WIDTH) {
+            let along = |k: usize| [X::from_fn(|lane| f64::from(first + lane == k))];
+            let mut next = states;
+            let (input, acceleration) = inputs(&input, &frame, driven, |value, varies| {
+                let slope = if varies { along(next) } else { [X::zero()] };
+                next += usize::from(varies);
+                Dual { value: X::constant(value), slope }
+            });
+            let frame = Some(FrameMotion { acceleration, ..frame.map(Dual::constant) });
+            let mut duals = y.map(Dual::constant);
+            for (k, &place) in independent.iter().enumerate() {
+                duals[place].slope = along(k);
             }
-            y = dual_y.map(|dual| dual.value);
-            let contacts = self.drive.contacts.lifted();
-            let now = tangent.evaluate_seeded(&Seeded { input, frame: Some(frame), contacts, y: dual_y });
-            let now = now.filter(|_| choice.formulation == Formulation::Nullspace).ok_or_else(|| {
-                let name = format!("{:?}", choice.formulation).to_lowercase();
-                Error::unknown("formulation", name, "\"nullspace\", for a model with inputs and outputs")
-            })?;
+            if let Some(modes) = problem.modes {
+                let given = [input.target, input.target_rate];
+                let driven = driven.then_some(&given);
+                Dual::outlined(Constrain { sides: &sides, modes, driven, y: &mut duals });
+            }
+            y = duals.map(|dual| dual.lane(0));
+            let now = equations.seeded(&Seeded { input, frame, contacts, y: duals });
             // The outputs in their order.
             let (q, p) = (now.motion.q.row(), now.motion.p.row());
             let found = [&q[..], &now.multipliers, &now.torque, &p[..5]].concat();
-            for column in first..all.min(first + DIRECTIONS) {
+            for column in first..all.min(first + X::WIDTH) {
                 for (row, &place) in independent.iter().enumerate() {
-                    rates[(row, column)] = now.rate[place].slope[column - first];
+                    rates[(row, column)] = now.rate[place].slope[0].lane(column - first);
                 }
                 for (row, dual) in found.iter().enumerate() {
-                    outputs[(row, column)] = dual.slope[column - first];
+                    outputs[(row, column)] = dual.slope[0].lane(column - first);
                 }
             }
-            rate = DVector::from_fn(states, |row, _| now.rate[independent[row]].value);
-            output = DVector::from_fn(OUTPUTS, |row, _| found[row].value);
+            rate = DVector::from_fn(states, |row, _| now.rate[independent[row]].lane(0));
+            output = DVector::from_fn(OUTPUTS, |row, _| found[row].lane(0));
         }
         let inputs = values.len();
-        Ok(LinearModel {
+        LinearModel {
             matrices: [
                 rates.columns(0, states).into(),
                 rates.columns(states, inputs).into(),
@@ -226,7 +236,7 @@ impl<'a> Problem<'a> {
                 DVector::from_vec(values),
                 output,
             ],
-        })
+        }
     }
 }
 
@@ -242,7 +252,7 @@ pub fn growth(
     let (formulation, gains) = (Formulation::Nullspace, Stabilization { alpha: 0.0, beta: 0.0 });
     let setting = Setting { formulation, gains, level, open_loop: false, frozen: false };
     let mut a = Problem::new(parameters, inputs, &setting, 0.0, motion, None).ok()?.jacobian();
-    let degrees = if inputs.fingers() == Fingers::Driven { 3 } else { 5 };
+    let degrees = if inputs.fingers == Fingers::Driven { 3 } else { 5 };
     let shears = 2 * degrees;
     // No motion changes d_t + Phi_N pose, and the rows of d_t are -Phi_N.
     for row in 0..a.nrows() {
@@ -289,22 +299,6 @@ fn inputs<D>(
         tau: number(input.tau, false),
     };
     (input, frame.acceleration.map(|value| number(value, true)))
-}
-
-/// The [`inputs`] as variables of the directions from `first` on.
-fn seed(
-    input: &Input<f64>,
-    frame: &FrameMotion<f64>,
-    driven: bool,
-    first: usize,
-) -> (Input<Dual<f64, DIRECTIONS>>, FrameMotion<Dual<f64, DIRECTIONS>>) {
-    let mut next = first;
-    let (input, acceleration) = inputs(input, frame, driven, |value, varies| {
-        let direction = if varies { next } else { DIRECTIONS };
-        next = next.wrapping_add(usize::from(varies));
-        Dual::variable(value, direction)
-    });
-    (input, FrameMotion { acceleration, ..frame.map(Dual::constant) })
 }
 
 #[cfg(test)]

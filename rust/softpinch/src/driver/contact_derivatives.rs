@@ -48,7 +48,6 @@ pub struct Passed<R> {
     lost: Vec<Option<(f64, &'static str)>>,
 }
 
-/// The numbers of a state.
 pub type DualStates<R> = States<RunDual<R>>;
 
 /// The state at a time of the segment that starts at `anchor`, and its equations.

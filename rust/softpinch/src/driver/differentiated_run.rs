@@ -141,25 +141,17 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
     #[inline(always)]
     fn start(&self, drive: &SegmentDrive<RunDual<R>>) -> Motion<RunDual<R>> {
         let initial = &self.request.scene.initial.motion;
-        let mut motion = Motion::<RunDual<R>>::constant(initial);
-        let (mut q, mut p) = (motion.q.row(), motion.p.row());
+        let mut row = Motion::<RunDual<R>>::constant(initial).row();
         if let Some(start) = self.request.start {
             let derived = start.varied(&self.source, &drive.at(RunDual::zero()), &initial.q);
-            for (own, derived) in
-                q.iter_mut().chain(&mut p).zip(derived.q.row().into_iter().chain(derived.p.row()))
-            {
+            for (own, derived) in row.iter_mut().zip(derived.row()) {
                 own.slope = derived.slope;
             }
         }
-        for (n, own) in q.iter_mut().chain(&mut p).chain(&mut motion.memory).enumerate() {
-            let varied = |Motion { q, p, memory, .. }: &Motion<f64>| match n {
-                0..9 => q.row()[n],
-                9..18 => p.row()[n - 9],
-                _ => memory[n - 18],
-            };
-            *own = *own + self.varied(0.0, |one| varied(&one.initial));
+        for (n, own) in row.iter_mut().enumerate() {
+            *own = *own + self.varied(0.0, |one| one.initial.row()[n]);
         }
-        Motion { q: q.into(), p: p.into(), ..motion }
+        row.into()
     }
 
     /// Applies the shifts of inputs whose jump moves at a breakpoint, then its impulses. Returns whether there are any.

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::driver::threads::share_watched;
-use crate::driver::{Derivatives, RunsInLanes, require_valid, simulate};
+use crate::driver::{Derivatives, RunLoop, require_valid};
 use crate::error::{Error, Result};
 use crate::model::{Fingers, Motion, Scene};
 use crate::stepping::{
@@ -84,7 +84,7 @@ impl<'a> Shared<'a> {
             require_valid(&scene, self.options).map_err(|error| error.of_run(run))?;
         }
         // All lanes of a loop have the same equations, so all runs must have the same kind of fingers.
-        let fingers = scene.inputs.fingers();
+        let fingers = scene.inputs.fingers;
         if *self.fingers.get_or_init(|| fingers) == fingers {
             return Ok(Some((run, scene)));
         }
@@ -146,17 +146,14 @@ pub fn derivatives(
 }
 
 pub(super) fn work(shared: &Shared<'_>) -> Result<Vec<Row>> {
-    in_lanes(shared, |runs| runs.compute())?.map_or_else(|| one_by_one(shared), Ok)
+    in_lanes(shared, |runs| runs.in_lanes())
 }
 
-/// Lets `compute` take runs into lanes, and returns the rows of those that it finishes.
-pub(super) fn in_lanes(
-    shared: &Shared<'_>,
-    compute: impl FnOnce(RunsInLanes<'_>) -> Result<Option<()>>,
-) -> Result<Option<Vec<Row>>> {
+/// Lets `compute` take runs, and returns the rows of those that it finishes.
+pub(super) fn in_lanes(shared: &Shared<'_>, compute: impl FnOnce(RunLoop<'_>) -> Result) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     if shared.runs == 0 {
-        return Ok(Some(rows));
+        return Ok(rows);
     }
     let (first, options) = ((shared.scenes)(0)?, shared.options);
     let mut take = || {
@@ -172,8 +169,8 @@ pub(super) fn in_lanes(
     };
     let (stops, recorder) = (&|| shared.stops(), Recorder::default());
     let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder };
-    let computed = compute(RunsInLanes { queue, grid: &whole_run(options), options, scene: &first })?;
-    Ok(computed.map(|()| rows))
+    compute(RunLoop { queue, grid: &whole_run(options), options, scene: &first })?;
+    Ok(rows)
 }
 
 /// The times of the steps of a run from its start to its end, in equal steps.
@@ -183,18 +180,4 @@ pub(crate) fn whole_run(options: &Options) -> impl Fn(usize, &Scene) -> Result<G
     move |_, Scene { inputs, initial, duration, .. }| {
         Grid::new(inputs, initial, *duration, dt, options.refine)
     }
-}
-
-/// Simulates the runs one after the other, for methods whose steps have no lanes.
-fn one_by_one(shared: &Shared<'_>) -> Result<Vec<Row>> {
-    let mut rows = Vec::new();
-    while let Some((number, scene)) = shared.take()? {
-        let (run, _) = simulate(&scene, shared.options, &|| shared.stops())?;
-        if run.status == Status::Interrupted {
-            break;
-        }
-        rows.push(Row::of(number, run));
-        shared.done.fetch_add(1, Ordering::Relaxed);
-    }
-    Ok(rows)
 }

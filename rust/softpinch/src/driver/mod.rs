@@ -3,7 +3,7 @@
 mod contact_derivatives;
 mod differentiated_run;
 pub(crate) mod ensemble;
-mod lanes;
+mod loops;
 pub(crate) mod sensitivities;
 pub(crate) mod simulate;
 pub(crate) mod simulator;
@@ -12,7 +12,7 @@ pub(crate) mod tests;
 mod threads;
 
 pub use ensemble::{Row, derivatives, ensemble};
-pub(crate) use lanes::RunsInLanes;
+pub(crate) use loops::RunLoop;
 pub use sensitivities::{
     COMPONENTS, Derivatives, Direction, DirectionEnd, QUANTITIES, Request, Shift, sensitivities,
 };

@@ -94,7 +94,7 @@ pub fn sensitivities(request: Request<'_>) -> Result<Option<Derivatives>> {
     let explicit = matches!(options.method, Method::Rk4 | Method::Dop853);
     let (energy, summaries) = (options.record.contains(Recordable::Energy), !request.summaries.is_empty());
     let refused = [
-        (scene.inputs.sampled().is_some(), "control", "SampledController", "the others"),
+        (scene.inputs.sampled.is_some(), "control", "SampledController", "the others"),
         (!scene.parameters.has_the_papers_parts(), "hand", "of other parts", "those of the paper's parts"),
         (
             unilateral && !explicit,

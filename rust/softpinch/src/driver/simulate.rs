@@ -1,19 +1,19 @@
-//! One run: the checks before it, its result, and the choice of the code that computes it.
+//! One run: the checks before it, and its result.
 
 use std::borrow::Cow;
 
+use crate::driver::RunLoop;
 use crate::driver::ensemble::whole_run;
 use crate::error::{Error, Result, require};
-use crate::formulation::{AnyParts, Contact, EquationKind, Formulation, Inlined, Unilateral, with};
-use crate::method::{METHODS, MakeAdaptiveMethod, Method, Rk4, Runs};
+use crate::formulation::{Contact, Formulation};
+use crate::method::{METHODS, MakeAdaptiveMethod, Method};
 use crate::model::{
     ContactModel, Fingers, Mode, Rule, Sampled, Scene, Stabilization, require_consistent, require_held,
     require_scheduled,
 };
-use crate::number::Real;
 use crate::stepping::{
-    AdaptiveSteps, Due, EqualSteps, Finished, Grid, GridOf, LaneContact, LaneController, Layout, LoopSetup,
-    Options, Recorder, Recording, Run, RunQueue, Span, Steps, Taken, reserved,
+    Due, Finished, Grid, LaneController, Layout, Options, Recorder, Recording, Run, RunQueue, Span, Steps,
+    Taken, reserved,
 };
 
 /// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
@@ -58,7 +58,16 @@ pub fn simulate(
     };
     // Only equal steps ask for a grid.
     let grid = |_: usize, scene: &Scene| grid.clone().map_or_else(|| whole_run(options)(0, scene), Ok);
-    Ok((lone_run((scene, None), options, &grid, Recorder::new(recording, due), interrupted)?.run, warning))
+    let mut next = Some(Taken { number: 0, scene: Cow::Borrowed(scene), contact: None });
+    let mut finished = None;
+    let (mut take, mut finish) = (|| Ok(next.take()), |run| finished = Some(run));
+    let recorder = Recorder::new(recording, due);
+    let queue = RunQueue { take: &mut take, stops: interrupted, finish: &mut finish, recorder };
+    RunLoop { queue, grid: &grid, options, scene }.alone()?;
+    let Some(Finished { run, .. }) = finished else {
+        unreachable!("a step loop ends each run that it takes")
+    };
+    Ok((run, warning))
 }
 
 /// Checks a scene and options without computing the run. Returns the longest step if steps are fixed, else zero.
@@ -113,7 +122,7 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
         let branches = scene.parameters.branches();
         require(branches <= 1, "Maxwell branches of a tip", branches as f64, rule)?;
     }
-    if scene.inputs.fingers() == Fingers::Driven {
+    if scene.inputs.fingers == Fingers::Driven {
         scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;
         require_scheduled(&scene.parameters, &scene.inputs, initial)?;
     }
@@ -123,7 +132,7 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
         // Only the stabilisation leads back to the constraints.
         require_consistent(&scene.parameters, &initial.motion.q, &initial.motion.p)?;
     }
-    if let Some(Sampled { controller, .. }) = scene.inputs.sampled() {
+    if let Some(Sampled { controller, .. }) = &scene.inputs.sampled {
         controller.check()?;
         LaneController::new(scene)?;
     }
@@ -158,7 +167,7 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result {
 }
 
 /// The method as one that chooses the length of its steps. The error lists the methods that do.
-fn adaptive(method: Method) -> Result<MakeAdaptiveMethod> {
+pub(super) fn adaptive(method: Method) -> Result<MakeAdaptiveMethod> {
     method.entry().adaptive.ok_or_else(|| {
         let adaptive = METHODS.iter().filter(|(_, method)| method.entry().adaptive.is_some());
         let names: Vec<_> = adaptive.map(|(name, _)| format!("{name:?}")).collect();
@@ -173,7 +182,7 @@ fn layout(scene: &Scene, options: &Options) -> Layout {
         keeps_jacobian: options.method.entry().keeps_jacobian && matches!(options.steps, Steps::Fixed(_)),
         unilateral: options.contact == ContactModel::Unilateral,
         moves: scene.inputs.moves(),
-        controller: scene.inputs.sampled().map_or(0, |sampled| sampled.controller.width()),
+        controller: scene.inputs.sampled.as_ref().map_or(0, |sampled| sampled.controller.width()),
         relaxation: 4 * scene.parameters.branches(),
     }
 }
@@ -209,52 +218,4 @@ fn instants(times: &[f64], Span { start, end }: Span) -> Result<Vec<f64>> {
         before = time;
     }
     Ok(instants)
-}
-
-/// Computes a run without a check, over the times of `grid` if steps are equal. In unilateral contact the contacts of an
-/// earlier run with the same parameters can be kept, and are returned.
-pub(super) fn lone_run(
-    (scene, contact): (&Scene, Option<Box<LaneContact>>),
-    options: &Options,
-    grid: &GridOf<'_>,
-    recorder: Recorder<'_>,
-    stops: &dyn Fn() -> bool,
-) -> Result<Finished> {
-    let mut next = Some(Taken { number: 0, scene: Cow::Borrowed(scene), contact });
-    let mut finished = None;
-    let (mut take, mut finish) = (|| Ok(next.take()), |run| finished = Some(run));
-    let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder };
-    run(scene, options, grid, queue)?;
-    let Some(finished) = finished else { unreachable!("a step loop ends each run that it takes") };
-    Ok(finished)
-}
-
-fn run<'a>(scene: &Scene, options: &'a Options, grid: &GridOf<'_>, queue: RunQueue<'a>) -> Result {
-    let choice = options.choice(&scene.inputs);
-    let setup = LoopSetup { options, choice, queue };
-    if let Steps::Free { tolerance } = options.steps {
-        let make = adaptive(options.method)?;
-        let build = |runs: Runs<'_>| runs.with_method(make);
-        return f64::outlined(AdaptiveSteps { setup, tolerance, build });
-    }
-    // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
-    if options.method == Method::Rk4
-        && options.contact == ContactModel::Bilateral
-        && !(choice.ledger || choice.moves)
-        && scene.parameters.has_the_papers_parts()
-    {
-        let called = &options.runs(scene).system();
-        let method = &mut Rk4::default();
-        return with!(called.kind, equations [false, false] => if choice.fingers == Fingers::Driven {
-            let system = Inlined::<_, _, true> { equations, called };
-            let build = |_: Runs<'_>| (system, method);
-            f64::outlined(EqualSteps { setup, grid, build })
-        } else {
-            let system = Inlined::<_, _, false> { equations, called };
-            let build = |_: Runs<'_>| (system, method);
-            f64::outlined(EqualSteps { setup, grid, build })
-        });
-    }
-    let build = |runs: Runs<'_>| runs.with_method(options.method.entry().alone);
-    f64::outlined(EqualSteps { setup, grid, build })
 }

@@ -10,9 +10,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::driver::simulate::lone_run;
 use crate::driver::threads::share;
-use crate::driver::{RunsInLanes, require_valid};
+use crate::driver::{RunLoop, require_valid};
 use crate::error::{Error, Result, require, require_at_most};
 use crate::formulation::{Contact, System};
 use crate::model::{ContactModel, Held, Motion, Rule, Scene, State};
@@ -149,7 +148,7 @@ impl Simulator {
                 run.end = environment.next(how.period);
                 let (target, force) = (targets[k], environment.force);
                 let acceleration = accelerations.get(k).copied();
-                environment.scene.inputs.hold(Some(Held { target, force, acceleration }));
+                environment.scene.inputs.held = Some(Held { target, force, acceleration });
             }
         }
         self.compute(interrupted)?;
@@ -260,7 +259,7 @@ impl Environment {
     /// The multipliers are those under the schedule's own inputs.
     fn place(&mut self, (state, check): (&State, bool), span: Span, how: &Stepping) -> Result {
         let Self { scene, .. } = self;
-        scene.inputs.hold(None);
+        scene.inputs.held = None;
         scene.check = check;
         let before = std::mem::replace(&mut scene.initial, state.clone());
         scene.inputs.start_controller(state.origin());
@@ -325,7 +324,7 @@ struct PeriodRun {
 /// Some of the runs of a simulator, for one thread.
 type Part<'a> = (&'a [Environment], &'a mut [PeriodRun]);
 
-/// Computes the period of some runs. A single run, and a method whose steps have no lanes, take the code of lone runs.
+/// Computes the period of some runs. A single run takes the code of lone runs.
 fn compute_part(
     Stepping { options, dt, .. }: &Stepping,
     (environments, runs): Part<'_>,
@@ -343,26 +342,16 @@ fn compute_part(
         let own = &mut runs.borrow_mut()[number];
         (own.outcome, own.contact) = (Some(run), contact);
     };
-    if let [first, _, ..] = environments {
-        let mut take = || {
-            let next = under_way.next();
-            Ok(next.map(|(number, environment)| Taken {
-                number,
-                scene: Cow::Borrowed(&environment.scene),
-                contact: runs.borrow_mut()[number].contact.take(),
-            }))
-        };
-        let recorder = Recorder::default();
-        let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder };
-        if (RunsInLanes { queue, grid: &grid, options, scene: &first.scene }).compute()?.is_some() {
-            return Ok(());
-        }
-    }
-    for (number, Environment { scene, .. }) in under_way {
-        let kept = runs.borrow_mut()[number].contact.take();
-        let own = grid(number, scene)?;
-        let finished = lone_run((scene, kept), options, &|_, _| Ok(own.clone()), Recorder::default(), stops)?;
-        finish(Finished { number, ..finished });
-    }
-    Ok(())
+    let mut take = || {
+        let next = under_way.next();
+        Ok(next.map(|(number, environment)| Taken {
+            number,
+            scene: Cow::Borrowed(&environment.scene),
+            contact: runs.borrow_mut()[number].contact.take(),
+        }))
+    };
+    let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder: Recorder::default() };
+    let Some(Environment { scene, .. }) = environments.first() else { return Ok(()) };
+    let runs = RunLoop { queue, grid: &grid, options, scene };
+    if environments.len() == 1 { runs.alone() } else { runs.in_lanes() }
 }

@@ -97,8 +97,7 @@ fn lanes_without_a_run_never_need_the_slow_sine() {
 
 /// The rows of runs in four portable lanes.
 pub(crate) fn portable(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
-    let rows = in_lanes(shared, |runs| runs.run::<Row4>())?;
-    Ok(rows.expect("the method has lanes"))
+    in_lanes(shared, |runs| runs.run::<Row4>())
 }
 
 /// Compares the rows of four lanes, which runs leave and enter, with the rows of single runs: every number,
@@ -174,16 +173,34 @@ fn portable_lanes_give_the_bits_of_lone_runs() {
     require_alone(scene, &options, portable);
 }
 
-/// The lanes sample at different instants, and one with a delay of several periods.
+/// The scene of a run whose controller samples at instants of its own, with a delay of several periods.
+fn sampled(run: usize) -> Result<Scene, Error> {
+    let mut scene = scene(run)?;
+    let k = run as f64;
+    let controller = spring(4e-4 + 5e-5 * k, 3e-4 * k);
+    scene.inputs = scene.inputs.with_controller(controller.into(), 0.0);
+    Ok(scene)
+}
+
+/// Methods whose steps have no lanes take one run after the other in one loop.
+#[test]
+fn runs_one_after_the_other_have_the_bits_of_lone_runs() {
+    let (fixed, free) = (Steps::Fixed(2e-4), Steps::Free { tolerance: 1e-6 });
+    for (method, steps) in
+        [(Method::ImplicitMidpoint, fixed), (Method::Radau5, fixed), (Method::Radau5, free)]
+    {
+        for (_, formulation) in FORMULATIONS {
+            let options = Options { method, steps, formulation, ..Options::default() };
+            require_alone(scene, &options, work);
+            require_alone(sampled, &options, work);
+        }
+        let contact = ContactModel::Unilateral;
+        require_alone(slipping, &Options { method, steps, contact, ..Options::default() }, work);
+    }
+}
+
 #[test]
 fn portable_lanes_give_the_bits_of_lone_runs_with_controllers() {
-    let sampled = |run: usize| {
-        let mut scene = scene(run)?;
-        let k = run as f64;
-        let controller = spring(4e-4 + 5e-5 * k, 3e-4 * k);
-        scene.inputs = scene.inputs.with_controller(controller.into(), 0.0);
-        Ok(scene)
-    };
     let options = Options { steps: Steps::Fixed(2e-4), ..Options::default() };
     require_alone(sampled, &options, portable);
     let steps = Steps::Free { tolerance: 1e-6 };

@@ -10,18 +10,12 @@
 //! a form in which nothing cancels. Then a 3 x 3 system for the object remains. Driven fingers do not give way:
 //! for them N_i = [m_n 0; . m_t], and their accelerations are added to b.
 
+use crate::formulation::Response;
 use crate::model::{Contact, Coordinates, Geometry, Parts, Plant};
 use crate::number::{LaneTask, Real, signed, solve3, task};
 
-#[derive(Debug, Clone, Copy)]
-pub struct Constrained<R> {
-    /// (lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N).
-    pub multipliers: [R; 4],
-    pub acceleration: Coordinates<R>,
-}
-
-/// Multipliers and accelerations for the forces `f` and the bias `b`. `finger_acceleration` has those that
-/// the schedule prescribes for driven fingers.
+/// The response of contacts that stick to the forces `f` and the bias `b`. `finger_acceleration` has the accelerations
+/// that the schedule prescribes for driven fingers.
 #[inline(always)]
 pub fn constrained<R: Real, P: Parts>(
     driven: bool,
@@ -30,7 +24,7 @@ pub fn constrained<R: Real, P: Parts>(
     f: &Coordinates<R>,
     b: &[R; 4],
     finger_acceleration: &[R; 2],
-) -> Constrained<R> {
+) -> Response<R> {
     let solve = Solve { driven, geometry, plant, f, b, finger_acceleration };
     // Steps, impulses and corrections of other parts share one piece of code.
     if P::OTHERS { R::outlined(solve) } else { solve.run() }
@@ -40,7 +34,7 @@ task! {
     ['a, R: Real, P: Parts]
     Solve<'a, R, P>(driven: bool, geometry: &'a Geometry<R, P>, plant: &'a Plant<R>, f: &'a Coordinates<R>,
         b: &'a [R; 4], finger_acceleration: &'a [R; 2])
-    for R => Constrained<R> = {
+    for R => Response<R> = {
         let mut whole = *b;
         if driven {
             let share = geometry.driven_bias(*finger_acceleration);
@@ -61,7 +55,8 @@ task! {
             multipliers[i] = masses.compression[i].mul_add(a.compression[i], -f.compression[i]);
             multipliers[2 + i] = masses.shear[i].mul_add(a.shear[i], -f.shear[i]);
         }
-        Constrained { multipliers, acceleration: a }
+        let one = R::constant(1.0);
+        Response { multipliers, share: [one; 2], acceleration: a, pivots: [one; 4] }
     }
 }
 

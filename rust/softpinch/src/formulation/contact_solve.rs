@@ -13,7 +13,6 @@
 //! 4 x 4 system for u. It is solved by LU without pivots, the finger that grazes last: as long as friction is
 //! below the critical coefficient, the leading minors are positive. The system is not symmetric.
 
-use crate::formulation::Constrained;
 use crate::model::{Contacts, Coordinates, Geometry, Parts, Plant, each_coordinate};
 use crate::number::{LaneTask, Real, signed, task};
 
@@ -37,17 +36,9 @@ pub struct Response<R> {
     /// The part psi of the couple that acts: 1 in stick and slip, 0 in free.
     pub share: [R; 2],
     pub acceleration: Coordinates<R>,
-    /// The pivots of R M^-1 K. Their product is its determinant; solutions with a negative one are unstable.
+    /// The pivots of R M^-1 K, one while both tips stick. Their product is its determinant; solutions with a negative one are
+    /// unstable.
     pub pivots: [R; 4],
-}
-
-/// The response while both tips stick.
-impl<R: Real> From<Constrained<R>> for Response<R> {
-    #[inline(always)]
-    fn from(Constrained { multipliers, acceleration }: Constrained<R>) -> Self {
-        let one = R::constant(1.0);
-        Self { multipliers, share: [one; 2], acceleration, pivots: [one; 4] }
-    }
 }
 
 /// Two rows (H, N) of the system with the columns of one finger.

@@ -3,12 +3,12 @@
 
 use std::fmt::Debug;
 
-use crate::formulation::{Constrained, Response, Unilateral, constrained};
+use crate::formulation::{Response, Unilateral, constrained};
 use crate::model::{
     Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, Energies, Forces, Geometry, Input,
     Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
 };
-use crate::number::{Dual, LaneTask, Lanes, Real, dot, gather, inlined, task};
+use crate::number::{LaneTask, Real, dot, inlined, task};
 
 /// Number of components of the largest state: nine coordinates, their rates, two memories, the eight works of the ledger, and
 /// the four states of one Maxwell branch. More branches fit without the ledger.
@@ -76,20 +76,6 @@ impl<R: Real> Evaluation<R> {
             share,
             ..Self::nothing()
         }
-    }
-}
-
-impl<R: Lanes, const W: usize> Evaluation<Dual<R, W>> {
-    /// Takes values and derivatives in the directions from `first` on: of the rate, the motion, the multipliers and the
-    /// torques.
-    pub(super) fn gather<X: Lanes>(&mut self, first: usize, own: &Evaluation<Dual<X, 1>>) {
-        gather(&mut self.rate, first, &own.rate);
-        gather(&mut self.multipliers, first, &own.multipliers);
-        gather(&mut self.torque, first, &own.torque);
-        let (mut q, mut p) = (self.motion.q.row(), self.motion.p.row());
-        gather(&mut q, first, &own.motion.q.row());
-        gather(&mut p, first, &own.motion.p.row());
-        (self.motion.q, self.motion.p) = (q.into(), p.into());
     }
 }
 
@@ -255,7 +241,7 @@ pub trait Equations<R: Real>: Copy + Debug {
             forces.torque = plant.driving_torque(&geometry, &forces, finger_acceleration, &found.multipliers);
         }
         let couple = [forces.elastic[0].tilt, forces.elastic[1].tilt];
-        Terms { geometry, forces, response: found.into(), couple }
+        Terms { geometry, forces, response: found, couple }
     }
 
     /// The powers whose integrals are the works of the ledger.
@@ -302,7 +288,7 @@ pub trait Equations<R: Real>: Copy + Debug {
         let geometry = self.geometry(&mut motion);
         let (plant, p, zero) = (self.plant(), motion.p, R::zero());
         let force = Coordinates { object: *impulse, ..Coordinates::zero() };
-        let Constrained { multipliers: constraint_impulse, acceleration: change } =
+        let Response { multipliers: constraint_impulse, acceleration: change, .. } =
             constrained(driven, &geometry, plant, &force, &[zero; 4], &[zero; 2]);
         let jump = self.begin(driven, &Motion { p: change, ..Motion::zero() });
         let degrees = self.degrees(driven);
@@ -327,7 +313,6 @@ pub trait Equations<R: Real>: Copy + Debug {
         }
     }
 
-    /// The energies of a motion, for the ledger.
     #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         match self.unilateral() {

@@ -24,7 +24,7 @@ pub(crate) mod tangent;
 pub(crate) mod unilateral;
 
 pub(crate) use any_parts::AnyParts;
-pub(crate) use constrained::{Constrained, constrained};
+pub(crate) use constrained::constrained;
 pub(crate) use contact_equations::ContactEquations;
 pub(crate) use contact_solve::{Response, response};
 pub(crate) use csm::Csm;

@@ -55,7 +55,6 @@ impl Contact {
         Ok([one(0, *right, *right_tilt)?, one(1, *left, *left_tilt)?])
     }
 
-    /// The row of both contacts.
     pub fn row([right, left]: &[Self; 2]) -> ContactRow {
         [right.signed_code(), left.signed_code(), right.frozen_tilt, left.frozen_tilt]
     }

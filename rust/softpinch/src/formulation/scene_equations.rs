@@ -84,7 +84,8 @@ pub struct Choice {
 #[derive(Debug, Clone, Copy)]
 pub struct SceneEquations<R> {
     pub(super) ledger: bool,
-    projected: bool,
+    /// Whether the formulation puts the state back on the constraints at the end of a step.
+    pub(crate) corrects: bool,
     pub(crate) kind: EquationKind<R>,
 }
 
@@ -100,7 +101,7 @@ impl<R: Lanes> SceneEquations<R> {
     pub fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
         Self {
             ledger: choice.ledger,
-            projected: choice.formulation == Formulation::Projected,
+            corrects: choice.formulation == Formulation::Projected,
             kind: R::outlined(Build { choice, source, gains }),
         }
     }
@@ -291,16 +292,10 @@ impl<R: Lanes> SceneEquations<R> {
         with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => R::outlined(Energy { equations, contacts, motion }))
     }
 
-    /// Whether the formulation puts the state back on the constraints at the end of a step.
-    #[inline(always)]
-    pub fn corrects(&self) -> bool {
-        self.projected
-    }
-
     /// Puts the state at the end of a step back on the constraints, if the formulation does that.
     #[inline(always)]
     pub fn correct(&self, drive: &SegmentDrive<R>, tau: R, y: &mut States<R>) {
-        if !self.projected {
+        if !self.corrects {
             return;
         }
         let ledger = self.ledger;

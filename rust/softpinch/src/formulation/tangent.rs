@@ -6,10 +6,10 @@ use crate::formulation::equations::evaluated;
 use crate::formulation::scene_equations::{Load, for_fingers_of, size_of};
 use crate::formulation::{
     AnyParts, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS, SceneEquations,
-    StageState, States, Unilateral, for_fingers, with,
+    StageState, States, System, Unilateral, for_fingers, with,
 };
 use crate::model::{
-    Carriage, Constants, Contacts, DIRECTIONS, FrameMotion, Input, Parameters, SegmentDrive, Stabilization,
+    Carriage, Constants, Contacts, FrameMotion, Input, Parameters, SegmentDrive, Stabilization,
 };
 use crate::number::{Dual, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread, task};
 
@@ -21,7 +21,7 @@ pub enum Tangent<R> {
     /// In lanes of runs with the paper's parts.
     InLanes(Box<SceneEquations<Dual<R, IN_LANES>>>),
     /// Of a single run, or of runs with other parts: one direction in each lane takes little code.
-    Swept(Box<dyn Derivatives<R>>),
+    Swept(Box<dyn Linear<R> + Send + Sync>),
 }
 
 task! {
@@ -62,9 +62,6 @@ task! {
     }
 }
 
-/// A number of a single run with its derivatives in directions of the caller's.
-type Directions = Dual<f64, DIRECTIONS>;
-
 /// What is evaluated in numbers with derivatives, whose directions are the caller's.
 pub struct Seeded<D> {
     pub input: Input<D>,
@@ -89,13 +86,12 @@ task! {
     }
 }
 
-/// Derivatives of the equations of a single run, or of other parts.
-pub trait Derivatives<R: Lanes>: Send + Sync {
-    /// Writes a Jacobian, as [`Linear::jacobian_into`] does.
-    fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
-
-    /// Evaluates a state of a single run that has derivatives, as [`Tangent::evaluate_seeded`] does.
-    fn seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>>;
+impl<X: Lanes> SceneEquations<Dual<X, 1>> {
+    /// Evaluates a state, with a direction in each lane.
+    pub(crate) fn seeded(&self, at: &Seeded<Dual<X, 1>>) -> Evaluation<Dual<X, 1>> {
+        let ledger = self.ledger;
+        with!(self.kind, equations [true, true] => Dual::outlined(Evaluate { equations, at, ledger }))
+    }
 }
 
 /// Equations in vectors `X` that hold the lanes of `R` once for each of several directions.
@@ -104,25 +100,13 @@ struct Swept<R, X> {
     runs: PhantomData<R>,
 }
 
-impl<R: Lanes, X: Lanes> Swept<R, X> {
-    /// Evaluates a state. The paper's parts of several runs have [`Tangent::InLanes`].
-    fn evaluate(&self, at: &Seeded<Dual<X, 1>>) -> Evaluation<Dual<X, 1>> {
-        let SceneEquations { ledger, .. } = self.equations;
-        with!(self.equations.kind, equations [R::WIDTH == 1, true] => {
-            Dual::outlined(Evaluate { equations, at, ledger })
-        })
-    }
-}
-
 task! {
     /// Computes a Jacobian, a direction in each lane.
     ['a, R: Lanes, X: Lanes]
     SweptJacobian<'a, R, X>(swept: &'a Swept<R, X>, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>,
         jacobian: &'a mut Jacobian<R>)
     for R => () = {
-        let size = with!(swept.equations.kind, equations [R::WIDTH == 1, true] => {
-            size_of(equations, equations.plant().driven, swept.equations.ledger)
-        });
+        let size = swept.equations.size();
         let (states, all, zero) = (size.states, size.all(), R::zero());
         let tau = Dual::<R, 1>::variable(tau, 0);
         let (input, frame) = (drive.at(tau), drive.frame.as_ref().map(|frame| frame.motion(tau)));
@@ -144,7 +128,7 @@ task! {
                 let along = |lane: usize| f64::from(first + lane / R::WIDTH == n);
                 own.slope = [X::from_fn(along)];
             }
-            let found = swept.evaluate(&at);
+            let found = swept.equations.seeded(&at);
             for n in 0..all {
                 for k in 0..X::WIDTH / R::WIDTH {
                     jacobian.rows[n][first + k] = gathered(found.rate[n].slope[0], k);
@@ -154,29 +138,9 @@ task! {
     }
 }
 
-impl<R: Lanes, X: Lanes> Derivatives<R> for Swept<R, X> {
+impl<R: Lanes, X: Lanes> Linear<R> for Swept<R, X> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
         R::outlined(SweptJacobian { swept: self, drive, tau, y, jacobian });
-    }
-
-    fn seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
-        let minimal =
-            with!(self.equations.kind, equations [true, true] => !equations.drifts() || equations.opens());
-        if !minimal {
-            return None;
-        }
-        let mut found = Evaluation::nothing();
-        for first in (0..DIRECTIONS).step_by(X::WIDTH) {
-            let own = |own: Directions| own.spread(first);
-            let spread = Seeded {
-                input: at.input.map(own),
-                frame: at.frame.map(|frame| frame.map(own)),
-                contacts: at.contacts.spread(),
-                y: at.y.map(own),
-            };
-            found.gather(first, &self.evaluate(&spread));
-        }
-        Some(found)
     }
 }
 
@@ -184,7 +148,7 @@ impl<R: Lanes, X: Lanes> Derivatives<R> for Swept<R, X> {
 struct BuildFor<'a, R>(Choice, &'a [&'a Parameters; MOST], &'a Stabilization, PhantomData<R>);
 
 impl<R: Lanes> LaneKernel for BuildFor<'_, R> {
-    type Output = Box<dyn Derivatives<R>>;
+    type Output = Box<dyn Linear<R> + Send + Sync>;
 
     #[inline(always)]
     fn run<X: Lanes>(self) -> Self::Output {
@@ -223,18 +187,6 @@ impl<R: Lanes> Tangent<R> {
             Self::InLanes(Box::new(SceneEquations::new(choice, source, gains)))
         } else {
             Self::Swept(build.run::<R>())
-        }
-    }
-}
-
-impl Tangent<f64> {
-    /// Evaluates a state of a single run. The directions are the caller's, so this differentiates every result by whatever
-    /// is wanted. `None` for bilateral formulations other than `nullspace`: only its minimal coordinates are linearised
-    /// with inputs and outputs.
-    pub fn evaluate_seeded(&self, at: &Seeded<Directions>) -> Option<Evaluation<Directions>> {
-        match self {
-            Self::Swept(swept) => swept.seeded(at),
-            Self::InLanes(_) => None,
         }
     }
 }

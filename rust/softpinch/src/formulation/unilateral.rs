@@ -97,8 +97,7 @@ impl<R: Real> Unilateral<R> {
         let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
         let (force, bias) = (forces.total(&geometry), self.csm.gamma(&geometry));
         let finger_acceleration = applied.0.target_acceleration;
-        let mut found =
-            Response::from(constrained(driven, &geometry, plant, &force, &bias, &finger_acceleration));
+        let mut found = constrained(driven, &geometry, plant, &force, &bias, &finger_acceleration);
         if special != 0 {
             let friction = self.friction;
             let load = Load { force, couple, friction, bias, finger_acceleration };

@@ -38,7 +38,6 @@ pub struct Linearization<R = f64> {
     delayed: Square<R>,
 }
 
-/// Computes V_x + V_r R_v and V_r R_x.
 #[inline(always)]
 fn reduce<R: Lanes>(states: usize, d: usize, branches: bool, of: &mut Linearization<R>) {
     let branches = branches && R::ANY_PARTS;
@@ -171,7 +170,6 @@ task! {
     for R => Factors<T> = unrolled!(of.size, factor(of, g))
 }
 
-/// Solves (g I - J) x = b.
 struct Solve<'a, T: Entry>(&'a Linearization<T::Part>, &'a Factors<T>, &'a States<T>);
 
 impl<R: Lanes, T: Entry<Part = R>> LaneTask<R> for Solve<'_, T> {
@@ -202,12 +200,6 @@ impl<R: Lanes> Linearization<R> {
     pub fn take(&mut self, tangent: &impl Linear<R>, drive: &SegmentDrive<R>, tau: R, y: &States<R>) {
         tangent.jacobian_into(drive, tau, y, &mut self.jacobian);
         unrolled!(self.size, reduce(self));
-    }
-
-    /// The derivative of the rate `n` with respect to time.
-    #[inline(always)]
-    pub fn by_time(&self, n: usize) -> R {
-        self.jacobian.rows[n][self.size.states]
     }
 
     #[inline(always)]

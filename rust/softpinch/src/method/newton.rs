@@ -163,14 +163,21 @@ impl<M, F: Copy, T> Newton<M, F, T> {
     }
 }
 
-/// A scheme for a single run, before its first step.
+/// A scheme for single runs, before its first step.
 pub(super) fn newton<M, F: Copy>(
     runs: Runs<'_>,
     system: &SceneEquations<f64>,
     scheme: M,
 ) -> Called<Newton<M, F>> {
-    let magnitudes = system.begin(&Motion::typical_magnitudes(runs.parameters[0]));
-    Called::new(Newton::new(system.size(), runs.tangent(), magnitudes, scheme))
+    let method = Newton::new(system.size(), runs.tangent(), magnitudes(runs, system), scheme);
+    let renew = |method: &mut Newton<M, F>, runs: Runs<'_>| {
+        (method.tangent, method.magnitudes) = (runs.tangent(), magnitudes(runs, &runs.system()));
+    };
+    Called { method, renew }
+}
+
+fn magnitudes(runs: Runs<'_>, system: &SceneEquations<f64>) -> States<f64> {
+    system.begin(&Motion::typical_magnitudes(runs.parameters[0]))
 }
 
 impl<M, F, T, S> Integrator<f64, S> for Newton<M, F, T>

@@ -34,7 +34,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
 };
 
 pub(super) fn rosenbrock(runs: Runs<'_>, system: &SceneEquations<f64>) -> Called<Rosenbrock<Tangent<f64>>> {
-    Called::new(Rosenbrock::new(system.size(), runs.tangent()))
+    let method = Rosenbrock::new(system.size(), runs.tangent());
+    Called { method, renew: |method, runs| method.tangent = runs.tangent() }
 }
 
 pub(super) const STAGES: usize = 6;
@@ -137,7 +138,10 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
             load = plus(size, load, &self.stages, &COUPLING[i][..i], one / h);
             let share = R::constant(BY_TIME[i]) * h;
             let mut entries = [E::of(R::zero()); MAX_COMPONENTS];
-            size.each(|n| entries[n] = E::of(share.mul_add(linearization.by_time(n), load[n])));
+            let by_time = size.states;
+            size.each(|n| {
+                entries[n] = E::of(share.mul_add(linearization.jacobian.rows[n][by_time], load[n]));
+            });
             let solution = linearization.solve_with_works(&factors, &entries);
             let stage = &mut self.stages[i];
             size.each(|n| stage[n] = solution[n].real());

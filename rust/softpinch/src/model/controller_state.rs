@@ -17,7 +17,7 @@ pub struct ControllerState {
     used: u64,
     acted: u64,
     /// The torques in force, N m.
-    torque: [f64; 2],
+    pub torque: [f64; 2],
     xi: Vec<f64>,
     /// The outputs under way; that of sample k is entry k modulo its length.
     under_way: Vec<[f64; 2]>,
@@ -51,7 +51,6 @@ impl ControllerState {
             .chain(self.seen.iter().copied())
     }
 
-    /// Whether all numbers are finite.
     pub fn is_finite(&self) -> bool {
         let numbers = [&self.torque, &self.xi[..], self.under_way.as_flattened(), &self.seen];
         numbers.into_iter().flatten().all(|number| number.is_finite())
@@ -110,11 +109,6 @@ impl ControllerState {
             Self { origin, taken, used, acted, torque, xi: xi.clone(), under_way, seen: seen.clone() };
         before.under_way[place(used, self.under_way.len())] = output;
         before
-    }
-
-    /// The torques in force, N m.
-    pub fn torque(&self) -> [f64; 2] {
-        self.torque
     }
 
     /// Whether the instant `t` is between the last sample, or the start, and the next sample.
@@ -252,9 +246,7 @@ fn place(number: u64, length: usize) -> usize {
 /// The measured system at the instant of a sample.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured<'a> {
-    /// The motion.
     pub motion: &'a Motion<f64>,
-    /// The multipliers.
     pub multipliers: &'a [f64; 4],
     /// The motion of the hand's frame, and g in m/s^2.
     pub frame: (FrameMotion<f64>, f64),
@@ -407,7 +399,7 @@ mod tests {
                     prop_assume!((0..=k).all(|k| (k as f64 * PERIOD + delay - now).abs() > 1e-9));
                     state.act(&controller, now);
                     let expected = begun.map_or(controller.initial_torque, |k| outputs[k]);
-                    for (torque, expected) in state.torque().into_iter().zip(expected) {
+                    for (torque, expected) in state.torque.into_iter().zip(expected) {
                         prop_assert!((torque - expected).abs() < 1e-13, "{now}: {torque} {expected}");
                     }
                 }

@@ -117,21 +117,15 @@ impl<R: Real> Plant<R> {
         if driven {
             inverse_masses.finger = [R::zero(); 2];
         }
-        let mut inverse_driven_masses = [one; 2];
-        for i in 0..2 {
-            let pushed = source.number(|p| {
-                let [right, left] = &p.tips;
-                let normal = right.normal_mass + left.normal_mass;
-                p.grasped.mass + [normal, right.tangential_mass + left.tangential_mass][i]
-            });
-            inverse_driven_masses[i] = one / pushed;
-        }
+        let along = source.number(|p| p.grasped.mass + (p.tips[0].normal_mass + p.tips[1].normal_mass));
+        let across =
+            source.number(|p| p.grasped.mass + (p.tips[0].tangential_mass + p.tips[1].tangential_mass));
         Self {
             sides: Side::both(source),
             tips: [Tip::new(source, 0), Tip::new(source, 1)],
             masses,
             inverse_masses,
-            inverse_driven_masses,
+            inverse_driven_masses: [one / along, one / across],
             controllers: [Controller::new(source, 0, fingers), Controller::new(source, 1, fingers)],
             driven,
             weight: object * gravity,

@@ -19,6 +19,14 @@ pub struct Geometry<R, P = Any> {
     pub contacts: [Contact<R, P>; 2],
 }
 
+/// Two numbers of each contact, in the order of the rows of Phi.
+macro_rules! rows {
+    ($geometry:expr, $holonomic:ident, $nonholonomic:ident) => {{
+        let [right, left] = &$geometry.contacts;
+        [right.$holonomic, left.$holonomic, right.$nonholonomic, left.$nonholonomic]
+    }};
+}
+
 struct Compute<'a, R, P>(&'a [Side<R>; 2], &'a Coordinates<R>, &'a Coordinates<R>, PhantomData<P>);
 
 impl<R: Real, P: Parts> LaneTask<R> for Compute<'_, R, P> {
@@ -59,27 +67,6 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         q.compression = [n1, n2];
         (p.compression, p.shear) = ([n1_rate, n2_rate], [t1_rate, t2_rate]);
         Self { sin: object.sin, cos: object.cos, contacts: [right, left] }
-    }
-
-    /// (C_1^H, C_2^H, C_1^N, C_2^N).
-    #[inline(always)]
-    pub fn residuals(&self) -> [R; 4] {
-        let [right, left] = &self.contacts;
-        [right.holonomic, left.holonomic, right.nonholonomic, left.nonholonomic]
-    }
-
-    /// Phi p: the rates of C^H, then C^N.
-    #[inline(always)]
-    pub fn constraint_velocity(&self) -> [R; 4] {
-        let [right, left] = &self.contacts;
-        [right.holonomic_rate, left.holonomic_rate, right.nonholonomic, left.nonholonomic]
-    }
-
-    /// Phi-dot p.
-    #[inline(always)]
-    pub fn bias(&self) -> [R; 4] {
-        let [right, left] = &self.contacts;
-        [right.bias_h, left.bias_h, right.bias_n, left.bias_n]
     }
 
     /// The share of Phi-dot p + Phi p-dot that prescribed accelerations of the fingers contribute: their
@@ -129,6 +116,12 @@ impl<R: Real, P: Parts> Geometry<R, P> {
     }
 
     inlined! {
+        /// (C_1^H, C_2^H, C_1^N, C_2^N).
+        pub residuals(&self) -> [R; 4] = rows!(self, holonomic, nonholonomic);
+        /// Phi p: the rates of C^H, then C^N.
+        pub constraint_velocity(&self) -> [R; 4] = rows!(self, holonomic_rate, nonholonomic);
+        /// Phi-dot p.
+        pub bias(&self) -> [R; 4] = rows!(self, bias_h, bias_n);
         /// The x and y components of a vector that is given along the object's normal and across it.
         pub outward(&self, along: R, across: R) -> [R; 2] =
             [along.dot2(self.cos, -across, self.sin), along.dot2(self.sin, across, self.cos)];

@@ -44,9 +44,12 @@ pub struct Inputs {
     sines: Vec<Sinusoid>,
     impulses: Vec<Impulse>,
     noises: Vec<Noise>,
-    fingers: Fingers,
-    held: Option<Held>,
-    sampled: Option<Sampled>,
+    /// How the fingers move.
+    pub fingers: Fingers,
+    /// Inputs from outside instead of the schedule's, if there are any. They make no breakpoint.
+    pub(crate) held: Option<Held>,
+    /// The discrete controller of the fingers, if there is one.
+    pub(crate) sampled: Option<Sampled>,
     frame: Option<Arc<HandMotion>>,
 }
 
@@ -200,24 +203,9 @@ impl Inputs {
         Self { fingers, ..self }
     }
 
-    /// How the fingers move.
-    pub fn fingers(&self) -> Fingers {
-        self.fingers
-    }
-
-    /// Holds inputs from outside; `None` goes back to the schedule. They make no breakpoint.
-    pub fn hold(&mut self, held: Option<Held>) {
-        self.held = held;
-    }
-
     /// The same inputs, with the torques of a discrete controller whose targets are the schedule.
     pub fn with_controller(self, controller: Arc<SampledController>, origin: f64) -> Self {
         Self { fingers: Fingers::Torque, sampled: Some(Sampled { controller, origin }), ..self }
-    }
-
-    /// The discrete controller of the fingers, if there is one.
-    pub fn sampled(&self) -> Option<&Sampled> {
-        self.sampled.as_ref()
     }
 
     /// Lets the discrete controller, if there is one, start at `origin`, s.

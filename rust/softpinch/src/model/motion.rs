@@ -16,6 +16,29 @@ pub struct Motion<R> {
     pub relaxation: [R; RELAXATIONS],
 }
 
+/// Number of numbers of a motion.
+pub const NUMBERS: usize = 20 + RELAXATIONS;
+
+impl<R: Copy> From<[R; NUMBERS]> for Motion<R> {
+    fn from(row: [R; NUMBERS]) -> Self {
+        let (q, p) = (std::array::from_fn(|k| row[k]), std::array::from_fn(|k| row[9 + k]));
+        let relaxation = std::array::from_fn(|k| row[20 + k]);
+        Self { q: q.into(), p: p.into(), memory: [row[18], row[19]], relaxation }
+    }
+}
+
+impl<R: Copy> Motion<R> {
+    /// The numbers in the order of the fields.
+    pub fn row(&self) -> [R; NUMBERS] {
+        let mut row = [self.memory[0]; NUMBERS];
+        row[..9].copy_from_slice(&self.q.row());
+        row[9..18].copy_from_slice(&self.p.row());
+        row[18..20].copy_from_slice(&self.memory);
+        row[20..].copy_from_slice(&self.relaxation);
+        row
+    }
+}
+
 impl<R: Real> Motion<R> {
     /// Zeros.
     #[inline(always)]
@@ -81,12 +104,9 @@ impl Motion<f64> {
     }
 }
 
-/// The point of the Jacobian that an implicit method still uses: time since the segment's start, q, p, memories, and the
-/// states of branches.
-pub type Linearized = [f64; 21 + RELAXATIONS];
+/// The point of the Jacobian that an implicit method still uses: time since the segment's start, and the row of the motion.
+pub type Linearized = [f64; 1 + NUMBERS];
 
 pub fn unpacked(point: &Linearized) -> (f64, Motion<f64>) {
-    let part = |first: usize| std::array::from_fn(|k| point[first + k]).into();
-    let relaxation = std::array::from_fn(|k| point[21 + k]);
-    (point[0], Motion { q: part(1), p: part(10), memory: [point[19], point[20]], relaxation })
+    (point[0], std::array::from_fn::<_, NUMBERS, _>(|k| point[1 + k]).into())
 }

@@ -25,36 +25,30 @@ pub enum Rule {
 }
 
 impl Rule {
-    /// The rule in words.
-    pub const fn text(self) -> &'static str {
+    /// The rule in words, and its test.
+    fn entry(self) -> (&'static str, fn(f64) -> bool) {
         match self {
-            Self::Positive => "must be finite and > 0",
-            Self::NonNegative => "must be finite and >= 0",
-            Self::Finite => "must be finite",
-            Self::NonNegativeOrInfinite => "must be >= 0",
-            Self::PositiveOrInfinite => "must be > 0",
-            Self::Kind => "must be the number of a kind",
-            Self::Tilt => "must be between -pi/2 and pi/2",
-            Self::Span => "must be > 0 and <= pi",
-            Self::AboveOne => "must be finite and > 1",
-            Self::Tolerance => "must be >= 1e-14 and < 1",
+            Self::Positive => ("must be finite and > 0", |x| x.is_finite() && x > 0.0),
+            Self::NonNegative => ("must be finite and >= 0", |x| x.is_finite() && x >= 0.0),
+            Self::Finite => ("must be finite", f64::is_finite),
+            Self::NonNegativeOrInfinite => ("must be >= 0", |x| x >= 0.0),
+            Self::PositiveOrInfinite => ("must be > 0", |x| x > 0.0),
+            Self::Kind => ("must be the number of a kind", |x| (0.0..=2.0).contains(&x) && x.fract() == 0.0),
+            Self::Tilt => ("must be between -pi/2 and pi/2", |x| x.abs() < std::f64::consts::FRAC_PI_2),
+            Self::Span => ("must be > 0 and <= pi", |x| x > 0.0 && x <= std::f64::consts::PI),
+            Self::AboveOne => ("must be finite and > 1", |x| x.is_finite() && x > 1.0),
+            Self::Tolerance => ("must be >= 1e-14 and < 1", |x| (1e-14..1.0).contains(&x)),
         }
+    }
+
+    /// The rule in words.
+    pub fn text(self) -> &'static str {
+        self.entry().0
     }
 
     /// Whether `value` keeps the rule.
     pub fn holds(self, value: f64) -> bool {
-        match self {
-            Self::Positive => value.is_finite() && value > 0.0,
-            Self::NonNegative => value.is_finite() && value >= 0.0,
-            Self::Finite => value.is_finite(),
-            Self::NonNegativeOrInfinite => value >= 0.0,
-            Self::PositiveOrInfinite => value > 0.0,
-            Self::Kind => (0.0..=2.0).contains(&value) && value.fract() == 0.0,
-            Self::Tilt => value.abs() < std::f64::consts::FRAC_PI_2,
-            Self::Span => value > 0.0 && value <= std::f64::consts::PI,
-            Self::AboveOne => value.is_finite() && value > 1.0,
-            Self::Tolerance => (1e-14..1.0).contains(&value),
-        }
+        self.entry().1(value)
     }
 
     /// `value`, or an error that names the field. The name is written only for the error.

@@ -2,8 +2,9 @@
 //! with dual numbers gives its Jacobian, exact to round-off, and its value to the same bits as plain numbers
 //! give.
 
-use std::ops::{Add, Div, Mul, Neg, Sub};
+use std::ops::Neg;
 
+use crate::number::real::operators;
 use crate::number::{Bits, LaneTask, Lanes, Lift, Real, inlined};
 
 /// A value and its derivatives in `W` directions.
@@ -11,6 +12,18 @@ use crate::number::{Bits, LaneTask, Lanes, Lift, Real, inlined};
 pub struct Dual<R, const W: usize> {
     pub value: R,
     pub slope: [R; W],
+}
+
+/// The number with this value, and in each direction `k` with this derivative.
+macro_rules! dual {
+    ($k:ident => $value:expr, $slope:expr) => {{
+        let value = $value;
+        let mut slope = [value; W];
+        for $k in 0..W {
+            slope[$k] = $slope;
+        }
+        Dual { value, slope }
+    }};
 }
 
 impl<R: Real, const W: usize> Dual<R, W> {
@@ -28,21 +41,11 @@ impl<R: Real, const W: usize> Dual<R, W> {
     /// (the chain rule).
     #[inline(always)]
     fn chain(self, value: R, a: R) -> Self {
-        let mut slope = self.slope;
-        for s in &mut slope {
-            *s = a * *s;
-        }
-        Self { value, slope }
+        dual!(k => value, a * self.slope[k])
     }
 }
 
 impl<R: Lanes, const W: usize> Dual<R, W> {
-    /// [`spread`] in the directions from `first` on.
-    #[inline(always)]
-    pub fn spread<X: Lanes>(self, first: usize) -> Dual<X, 1> {
-        spread(self.value, |k| self.slope.get(first + k).copied().unwrap_or_else(R::zero))
-    }
-
     /// Makes a number whose value is the same in every lane, from the derivative in each direction: those of the first
     /// vector of derivatives are in lanes, then those of the second, and so on. It is called, because it is rare.
     #[inline(never)]
@@ -76,69 +79,22 @@ pub fn gathered<R: Lanes, X: Lanes>(of: X, k: usize) -> R {
     R::from_fn(|lane| of.lane(k * R::WIDTH + lane))
 }
 
-/// Takes values of such numbers, and their derivatives in the directions from `first` on.
-pub fn gather<R: Lanes, X: Lanes, const W: usize>(all: &mut [Dual<R, W>], first: usize, own: &[Dual<X, 1>]) {
-    for (all, own) in all.iter_mut().zip(own) {
-        all.value = gathered(own.value, 0);
-        for (k, slope) in all.slope.iter_mut().skip(first).take(X::WIDTH / R::WIDTH).enumerate() {
-            *slope = gathered(own.slope[0], k);
-        }
-    }
-}
-
-macro_rules! term_by_term {
-    ($($operator:ident, $name:ident;)*) => {$(
-        impl<R: Real, const W: usize> $operator for Dual<R, W> {
-            type Output = Self;
-            #[inline(always)]
-            fn $name(mut self, other: Self) -> Self {
-                self.value = self.value.$name(other.value);
-                for k in 0..W {
-                    self.slope[k] = self.slope[k].$name(other.slope[k]);
-                }
-                self
-            }
-        }
-    )*};
-}
-term_by_term! { Add, add; Sub, sub; }
-
-impl<R: Real, const W: usize> Mul for Dual<R, W> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(mut self, other: Self) -> Self {
-        for k in 0..W {
-            self.slope[k] = self.slope[k].dot2(other.value, self.value, other.slope[k]);
-        }
-        self.value = self.value * other.value;
-        self
-    }
-}
-
-impl<R: Real, const W: usize> Div for Dual<R, W> {
-    type Output = Self;
-    #[inline(always)]
-    fn div(mut self, other: Self) -> Self {
+operators! {
+    [R: Real, const W: usize] Dual<R, W>, |own, other|
+    dual!(k => own.value + other.value, own.slope[k] + other.slope[k]),
+    dual!(k => own.value - other.value, own.slope[k] - other.slope[k]),
+    dual!(k => own.value * other.value, own.slope[k].dot2(other.value, own.value, other.slope[k])),
+    {
         let inverse = R::constant(1.0) / other.value;
-        let quotient = self.value / other.value;
-        for k in 0..W {
-            self.slope[k] = quotient.neg_mul_add(other.slope[k], self.slope[k]) * inverse;
-        }
-        self.value = quotient;
-        self
+        let quotient = own.value / other.value;
+        dual!(k => quotient, quotient.neg_mul_add(other.slope[k], own.slope[k]) * inverse)
     }
 }
 
 impl<R: Real, const W: usize> Neg for Dual<R, W> {
     type Output = Self;
-    #[inline(always)]
-    fn neg(mut self) -> Self {
-        self.value = -self.value;
-        for k in 0..W {
-            self.slope[k] = -self.slope[k];
-        }
-        self
-    }
+
+    inlined! { neg(self) -> Self = dual!(k => -self.value, -self.slope[k]); }
 }
 
 impl<R: Real, const W: usize> Real for Dual<R, W> {
@@ -149,15 +105,11 @@ impl<R: Real, const W: usize> Real for Dual<R, W> {
     inlined! {
         constant(x: f64) -> Self = Self { value: R::constant(x), slope: [R::zero(); W] };
         less(self, other: Self) -> Bits = self.value.less(other.value);
-    }
-
-    #[inline(always)]
-    fn mul_add(mut self, a: Self, b: Self) -> Self {
-        for k in 0..W {
-            self.slope[k] = self.slope[k].mul_add(a.value, self.value.mul_add(a.slope[k], b.slope[k]));
-        }
-        self.value = self.value.mul_add(a.value, b.value);
-        self
+        mul_add(self, a: Self, b: Self) -> Self = dual!(k =>
+            self.value.mul_add(a.value, b.value),
+            self.slope[k].mul_add(a.value, self.value.mul_add(a.slope[k], b.slope[k])));
+        select(bits: Bits, a: Self, b: Self) -> Self =
+            dual!(k => R::select(bits, a.value, b.value), R::select(bits, a.slope[k], b.slope[k]));
     }
 
     #[inline(always)]
@@ -167,41 +119,24 @@ impl<R: Real, const W: usize> Real for Dual<R, W> {
     }
 
     #[inline(always)]
-    fn select(bits: Bits, a: Self, mut b: Self) -> Self {
-        b.value = R::select(bits, a.value, b.value);
-        for k in 0..W {
-            b.slope[k] = R::select(bits, a.slope[k], b.slope[k]);
-        }
-        b
-    }
-
-    #[inline(always)]
     fn sqrt(self) -> Self {
         let root = self.value.sqrt();
         self.chain(root, R::constant(0.5) / root)
     }
 
     #[inline(always)]
-    fn angle(mut self, cos: Self) -> Self {
+    fn angle(self, cos: Self) -> Self {
         let inverse = R::constant(1.0) / self.value.dot2(self.value, cos.value, cos.value);
         let (by_sin, by_cos) = (cos.value * inverse, -(self.value * inverse));
-        for k in 0..W {
-            self.slope[k] = by_sin.dot2(self.slope[k], by_cos, cos.slope[k]);
-        }
-        self.value = self.value.angle(cos.value);
-        self
+        dual!(k => self.value.angle(cos.value), by_sin.dot2(self.slope[k], by_cos, cos.slope[k]))
     }
 
     #[inline(always)]
-    fn power(mut self, n: Self) -> Self {
+    fn power(self, n: Self) -> Self {
         let value = self.value.power(n.value);
         let by_base = n.value * self.value.power(n.value - R::constant(1.0));
         let by_exponent = value * self.value.ln();
-        for k in 0..W {
-            self.slope[k] = by_base.dot2(self.slope[k], by_exponent, n.slope[k]);
-        }
-        self.value = value;
-        self
+        dual!(k => value, by_base.dot2(self.slope[k], by_exponent, n.slope[k]))
     }
 
     #[inline(always)]

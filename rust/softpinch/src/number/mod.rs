@@ -14,7 +14,7 @@ pub(crate) mod simd;
 mod tests;
 pub(crate) mod trigonometry;
 
-pub(crate) use dual::{Dual, gather, gathered, spread};
+pub(crate) use dual::{Dual, gathered, spread};
 pub use lanes::Lanes;
 pub(crate) use lanes::{Lift, MOST, each};
 pub(crate) use linear::{Entry, LaneEntry, Lu, MOST_ROWS, Square, solve2, solve3};

@@ -118,7 +118,7 @@ where
             let mut errors = method.error(&step, lanes.control.rejected, stats);
             // The correction that puts a step back on the constraints is an error of the step, too.
             let mut arrived = &next;
-            if system.corrects() {
+            if system.corrects {
                 let end = corrected.insert(next);
                 system.correct(drive, tau + h, end);
                 let mut correction = [zero; MAX_COMPONENTS];

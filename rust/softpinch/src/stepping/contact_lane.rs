@@ -137,7 +137,7 @@ impl LaneContact {
     /// Chooses the modes at the start of the run or at a breakpoint. Returns the state from which the run goes on.
     pub fn begin(&mut self, at: &Moment<'_>) -> EventResult<States<f64>> {
         let (unset, fresh) = (self.unset.take(), std::mem::take(&mut self.fresh));
-        let corrects = self.steps.system.corrects();
+        let corrects = self.steps.system.corrects;
         self.change(at, |stepper, place| match unset {
             Some(approaches) => stepper.start(place, approaches),
             None => {

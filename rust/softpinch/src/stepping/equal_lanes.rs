@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::formulation::{Evaluation, SceneEquations, States, System};
 use crate::method::{Integrator, Step, StepResult, Unsolved};
-use crate::model::{Linearized, Motion, RELAXATIONS, Scene, unpacked};
+use crate::model::{Linearized, Motion, Scene, unpacked};
 use crate::number::{Bits, Lanes, each, inlined};
 use crate::stepping::ending;
 use crate::stepping::{
@@ -353,11 +353,7 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
 }
 
 fn pack<R: Lanes>(tau: R, motion: &Motion<R>) -> Linearized {
-    let Motion { q, p, memory, relaxation } = motion.lane(0);
-    let mut point = [tau.lane(0); 21 + RELAXATIONS];
-    point[1..10].copy_from_slice(&q.row());
-    point[10..19].copy_from_slice(&p.row());
-    point[19..21].copy_from_slice(&memory);
-    point[21..].copy_from_slice(&relaxation);
+    let mut point: Linearized = [tau.lane(0); _];
+    point[1..].copy_from_slice(&motion.lane(0).row());
     point
 }

@@ -40,13 +40,9 @@ impl Instant {
     }
 
     pub fn is_finite(&self) -> bool {
-        let Self {
-            motion: Motion { q, p, memory, relaxation }, multipliers, residuals, torque, works, ..
-        } = self;
-        [&q.row()[..], &p.row(), memory, relaxation, multipliers, residuals, torque, works]
-            .into_iter()
-            .flatten()
-            .all(|number| number.is_finite())
+        let Self { motion, multipliers, residuals, torque, works, .. } = self;
+        let all = [&motion.row()[..], multipliers, residuals, torque, works];
+        all.into_iter().flatten().all(|number| number.is_finite())
     }
 }
 
@@ -146,16 +142,12 @@ pub fn column<R: Lanes, const N: usize>(y: &[R; N], lane: usize) -> [f64; N] {
     column
 }
 
-/// Sets the motion of one lane. Twenty rare stores, so that the code exists once.
+/// Sets the motion of one lane. Rare stores, so that the code exists once.
 #[inline(never)]
 pub fn put_motion<R: Lanes>(motion: &mut Motion<R>, lane: usize, own: &Motion<f64>) {
-    for (x, own) in [(&mut motion.q, &own.q), (&mut motion.p, &own.p)] {
-        let mut row = x.row();
-        put(&mut row, lane, &own.row());
-        *x = row.into();
-    }
-    put(&mut motion.memory, lane, &own.memory);
-    put(&mut motion.relaxation, lane, &own.relaxation);
+    let mut row = motion.row();
+    put(&mut row, lane, &own.row());
+    *motion = row.into();
 }
 
 #[inline(always)]

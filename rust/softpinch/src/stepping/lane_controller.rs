@@ -24,7 +24,7 @@ pub struct LaneController {
 impl LaneController {
     /// The controller of a run before it begins; `None` if the scene has none.
     pub fn new(scene: &Scene) -> Result<Option<Box<Self>>> {
-        let Some(Sampled { controller, origin }) = scene.inputs.sampled() else { return Ok(None) };
+        let Some(Sampled { controller, origin }) = &scene.inputs.sampled else { return Ok(None) };
         let now = match &scene.initial.controller {
             Some(row) => states(controller, row, scene.initial.time)?,
             None => controller.blocks().map(|block| ControllerState::new(block, *origin)).collect(),
@@ -68,7 +68,7 @@ impl LaneController {
                 now.use_kept(block, t, &known, &mut self.scratch);
             }
             now.act(block, t);
-            before = Some(now.torque());
+            before = Some(now.torque);
         }
     }
 
@@ -104,7 +104,7 @@ impl LaneController {
 
     /// The torques that have acted so far, N m.
     pub fn held(&self) -> [f64; 2] {
-        self.now[0].torque()
+        self.now[0].torque
     }
 
     /// The torques that act from the instant `t` on, N m. They are NaN, which ends the run, once a sample has

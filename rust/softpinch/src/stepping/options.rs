@@ -85,7 +85,7 @@ impl Options {
     /// The longest step that is stable by the bound on the rates, s; infinite if every step is stable.
     pub fn surely_stable_step(&self, scene: &Scene) -> f64 {
         let Some(limit) = self.method.entry().real_stability_limit else { return f64::INFINITY };
-        let rate = fastest_rate(&scene.parameters, scene.inputs.fingers());
+        let rate = fastest_rate(&scene.parameters, scene.inputs.fingers);
         let Stabilization { alpha, beta } = self.stabilization;
         limit / if self.formulation == Formulation::Csm { rate.max(alpha).max(beta) } else { rate }
     }
@@ -97,7 +97,7 @@ impl Options {
 
     pub(crate) fn choice(&self, inputs: &Inputs) -> Choice {
         let Self { formulation, contact, .. } = *self;
-        let (fingers, moves) = (inputs.fingers(), inputs.moves());
+        let (fingers, moves) = (inputs.fingers, inputs.moves());
         let ledger = self.guard
             || self.record.contains(Recordable::Energy)
             || self.summaries.set.contains(Summary::EnergyClosure);

@@ -6,7 +6,6 @@ use crate::model::{BILATERAL_WORKS, CONTACT_WORKS, ContactRow, Energies, Motion,
 use crate::names::{named, set};
 use crate::stepping::{COUNT, Change, Instant, Status, VIOLATIONS};
 
-/// The contacts of bilateral contact.
 const STICKING: ContactRow = [1.0, 1.0, 0.0, 0.0];
 
 /// Largest recording, in numbers: 16 GiB.
@@ -235,8 +234,8 @@ pub struct Run {
     pub holds: bool,
     /// The summaries, in the order of [`SUMMARIES`](crate::stepping::summary::SUMMARIES).
     pub summaries: [f64; COUNT],
-    /// Counts of the work. Steps and segments are those of this run. The other counts are those of its loop,
-    /// which are the run's own in a loop of one lane.
+    /// Counts of the work. Steps and segments are those of this run. The other counts are those of its loop so far,
+    /// which are the run's own if it is the only one.
     pub stats: Stats,
 }
 

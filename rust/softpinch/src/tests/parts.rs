@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use crate::driver::simulate::simulate;
 use crate::formulation::constrained::constrained;
-use crate::formulation::contact_solve::{Load, response};
+use crate::formulation::contact_solve::{Load, Response, response};
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
@@ -301,9 +301,7 @@ fn solves_agree(
     let mut contacts = Contacts::sticking();
     contacts.set(0, [Mode::Stick; 2], [0.0; 2]);
     let own = response(driven, geometry, &plant, &contacts, &load);
-    for (acceleration, multipliers) in
-        [(common.acceleration, common.multipliers), (own.acceleration, own.multipliers)]
-    {
+    for Response { acceleration, multipliers, .. } in [common, own] {
         let acceleration = acceleration.row();
         for k in 0..9 {
             prop_assert!((acceleration[k] - expected[k]).abs() < 1e-10 * (1.0 + expected.rows(0, 9).amax()));
