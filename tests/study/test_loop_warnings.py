@@ -3,7 +3,10 @@
 import warnings
 from dataclasses import replace
 
+import pytest
+
 import softpinch as sp
+from softpinch.study import compute
 
 SERVO = sp.SampledController.pid(1e-3, 20.0, 0.2, 0.0)
 SCENE = sp.Scene(schedule=sp.Schedule.steps([0.0], [[0.1, 0.1]]), control=SERVO, duration=0.5)
@@ -31,3 +34,18 @@ def test_an_unstable_loop_is_named_once() -> None:
     assert not caught(replace(late, duration=0.03))
     damper = sp.SampledController.pid(1e-3, 0.0, 0.2, 0.0)
     assert not caught(replace(SCENE, control=damper))
+
+
+def test_runs_that_come_to_rest_are_not_looked_at_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To find the rest of a loop would take longer than to compute these runs."""
+
+    def found(scene: sp.Scene) -> sp.Equilibrium:
+        raise AssertionError("looked for a rest")
+
+    moving = replace(SCENE, duration=0.021)
+    assert not caught(moving)
+    monkeypatch.setattr(compute, "equilibrium", found)
+    assert not caught(SCENE)
+    assert not caught(moving)  # nor twice
+    with pytest.raises(AssertionError, match="looked for a rest"):
+        caught(replace(SCENE, duration=0.022))

@@ -4,6 +4,7 @@ import contextlib
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..analysis.rest import equilibrium
 from ..run.request import Request
 from ..run.stiffness import GROWN, is_explicit, too_long
+from ..scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
 from ..support.errors import LostRunsWarning, StabilityWarning, warn
@@ -26,8 +28,8 @@ from .spec import RECORDING, StudySpec
 
 # Largest number of blocks per call of the core: all threads are busy, and reports frequent.
 MOST_BLOCKS = 32
-# Number of failed runs whose steps are looked at.
-_SUSPECTS = 8
+# Number of runs whose steps, or whose rest, are looked at; rates, m/s and rad/s, that are at rest.
+_SUSPECTS, _STILL = 8, 1e-9
 # Number of runs that `check_dt` computes again with smaller steps.
 _CHECKED = 256
 
@@ -120,7 +122,7 @@ class Computation:
         results._under_way = f"at most {most} a {unit}"
         if results.runs and not results.interrupted and not self._warned:
             self._warn_of_steps(results)
-            self._warn_of_loop()
+            self._warn_of_loop(results)
         if self.spec.check_dt and results.runs and not results.interrupted:
             self._check_dt(results)
         for run in self.spec.trajectories:
@@ -166,17 +168,18 @@ class Computation:
         if text is not None:
             warn(f"{what}: {text}", StabilityWarning)
 
-    def _warn_of_loop(self) -> None:
-        """Says that the loop of the scene's sampled controller is unstable."""
-        scene = self.spec.scene
-        with contextlib.suppress(ValueError):  # there is no unique rest
-            growth = equilibrium(scene).growth if scene.law == "sampled" else 0.0
-            if growth * scene.duration > math.log(GROWN):
-                text = (
-                    "the loop of the scene's SampledController is unstable (sp.loop): a deviation"
-                )
-                advice = "lower the gains, or shorten the periods and delays"
-                warn(f"{text} grows with {growth:.4g} 1/s; {advice}", StabilityWarning)
+    def _warn_of_loop(self, results: Results) -> None:
+        """Says that the loop of the scene's sampled controller is unstable, if runs do not rest."""
+        scene, moves = self.spec.scene, False
+        if scene.law == "sampled":
+            some = results._rows_of(results._computed.evenly_spaced(_SUSPECTS)).columns
+            moves = bool((np.abs(some["final_state"][:, 9:]) > _STILL).any())
+            moves |= bool((some["status"] != "completed").any())
+        growth = _growth(scene) if moves else 0.0
+        if growth * scene.duration > math.log(GROWN):
+            text = "the loop of the scene's SampledController is unstable (sp.loop): a deviation"
+            advice = "lower the gains, or shorten the periods and delays"
+            warn(f"{text} grows with {growth:.4g} 1/s; {advice}", StabilityWarning)
 
     def _check_dt(self, results: Results) -> None:
         """Estimates the error of summaries and probabilities, from runs with smaller steps."""
@@ -213,6 +216,14 @@ class Computation:
             for name in (*self.spec.summaries, *events)
         }
         results.interrupted = interrupted
+
+
+@lru_cache(maxsize=64)
+def _growth(scene: Scene) -> float:
+    """The `growth` about the scene's rest, 1/s, or 0.0 if it has no unique one."""
+    with contextlib.suppress(ValueError):
+        return equilibrium(scene).growth
+    return 0.0
 
 
 def _numbers(only: ArrayLike, runs: int) -> Numbers:
