@@ -34,9 +34,8 @@ task! {
         for_fingers_of!(equations, driven [true] => {
             let size = size_of(equations, driven, ledger);
             let (states, all) = (size.states, size.all());
-            let mut first = 0;
+            let (mut first, mut duals) = (0, [Dual::constant(0.0); MAX_COMPONENTS]);
             while first <= states {
-                let mut duals = [Dual::constant(0.0); MAX_COMPONENTS];
                 for (n, (dual, &number)) in duals.iter_mut().zip(y).take(all).enumerate() {
                     let direction = if n < states { n.wrapping_sub(first) } else { IN_LANES };
                     *dual = Dual::variable(number, direction);

@@ -92,20 +92,13 @@ impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
     }
 }
 
-/// `sum` plus the weighted stages times `by`.
+/// Adds the weighted stages times `by` to `sum`.
 #[inline(always)]
-fn plus<R: Lanes>(
-    size: Size,
-    mut sum: States<R>,
-    stages: &[States<R>; STAGES],
-    weights: &[f64],
-    by: R,
-) -> States<R> {
+fn add<R: Lanes>(size: Size, sum: &mut States<R>, stages: &[States<R>; STAGES], weights: &[f64], by: R) {
     for (stage, weight) in stages.iter().zip(weights) {
         let weight = R::constant(*weight) * by;
         size.each(|n| sum[n] = weight.mul_add(stage[n], sum[n]));
     }
-    sum
 }
 
 impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> for Rosenbrock<T, R, E> {
@@ -126,18 +119,19 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         let one = R::constant(1.0);
         let factors = linearization.factor(E::of(one / (R::constant(GAMMA) * h)));
         let (mut at, mut load) = (*y, *rate);
+        let mut entries = [E::of(R::zero()); MAX_COMPONENTS];
         for i in 0..STAGES {
             if i > 0 {
                 // The share of the latest stage is left out here and added in `state`.
                 let last = i - 1;
-                at = plus(size, *y, &self.stages, &A[i][..last], one);
+                size.each(|n| at[n] = y[n]);
+                add(size, &mut at, &self.stages, &A[i][..last], one);
                 let state = StageState { from: &at, by: R::constant(A[i][last]), along: &self.stages[last] };
                 let input = drive.at(R::constant(C[i]).mul_add(h, tau));
                 system.rates(&input, drive, state, &mut load);
             }
-            load = plus(size, load, &self.stages, &COUPLING[i][..i], one / h);
+            add(size, &mut load, &self.stages, &COUPLING[i][..i], one / h);
             let share = R::constant(BY_TIME[i]) * h;
-            let mut entries = [E::of(R::zero()); MAX_COMPONENTS];
             let by_time = size.states;
             size.each(|n| {
                 entries[n] = E::of(share.mul_add(linearization.jacobian.rows[n][by_time], load[n]));
@@ -170,8 +164,9 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Adaptive<R, S> fo
         let [low, high] = DENSE;
         let one = R::constant(1.0);
         let size = self.linearization.size;
-        let inner = plus(size, [R::zero(); MAX_COMPONENTS], &self.stages, &low, one);
-        let inner = plus(size, inner, &self.stages, &high, x);
+        let mut inner = [R::zero(); MAX_COMPONENTS];
+        add(size, &mut inner, &self.stages, &low, one);
+        add(size, &mut inner, &self.stages, &high, x);
         let mut at = *y;
         for n in 0..MAX_COMPONENTS {
             at[n] = (one - x).mul_add(y[n], x * (one - x).mul_add(inner[n], next[n]));
