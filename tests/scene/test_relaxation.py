@@ -231,6 +231,24 @@ def test_branches_change_no_equilibrium_and_decay_in_its_linear_model() -> None:
     assert np.allclose(found, (expm(model.A * 0.02) @ deviation)[places], rtol=1e-4)
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_the_response_to_a_sine_is_that_of_standard_linear_solids(law: str) -> None:
+    """Two tips hold a box: each is a spring, a damper and a branch for each Maxwell element."""
+    d, c, m, omega = 0.004, 3.0, 0.02, np.geomspace(1.0, 1e4, 25)
+    scene = squeezed([0.0], [d], law)
+    hand = replace(scene.hand, tip=replace(scene.hand.tips[0], normal_viscosity=c, normal_mass=m))
+    scene = replace(scene, hand=hand, initial=sp.equilibrium(replace(scene, hand=hand)).state)
+    model = sp.linearize(scene, scene.start(), inputs="force", outputs="pose")
+    size = np.eye(len(model.states))
+    found = [(model.C @ np.linalg.solve(1j * w * size - model.A, model.B))[0, 0] for w in omega]
+    s = 1j * omega
+    branches = sum(one.share * s * one.time / (1.0 + s * one.time) for one in BRANCHES)
+    stiffness = LAWS[law][2](d) * (1.0 + branches) + c * s
+    mass = scene.grasped.mass + 2.0 * m
+    expected = 1.0 / (mass * s**2 + 2.0 * stiffness)
+    assert np.abs(np.array(found) / expected - 1.0).max() < 1e-10
+
+
 def test_toml_paths_and_errors_name_the_branch() -> None:
     scene = lively()
     assert sp.Scene.from_toml(scene.to_toml()) == scene
