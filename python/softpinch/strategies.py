@@ -125,8 +125,7 @@ def hands(draw: DrawFn, spread: float = 0.3, symmetric: bool = False) -> Hand:
 def grasped_objects(draw: DrawFn, spread: float = 0.3, offset: float = 0.2) -> GraspedObject:
     """Grasped objects, with a height or without, and an inertia that mass and faces allow.
 
-    `offset` is the largest distance of the centre of gravity from the middle, as a share of the
-    width.
+    `offset` is the largest distance from the middle to the centre of gravity, in widths.
     """
     paper = GraspedObject()
     width, mass = draw(_scaled(paper.width, spread)), draw(_scaled(paper.mass, spread))

@@ -8,8 +8,6 @@
 Parameters that a case does not set have their defaults.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -211,8 +211,8 @@ class StabilizationSweep(Result):
         dt: The step, s, of the `method`.
         product: Gain times step, alpha dt = beta dt, (k,).
         status: Status of each run (k,).
-        holonomic: Largest |C^H| along each run (k,), m; inf if the run did not complete.
-        nonholonomic: Largest |C^N| along each run (k,), m/s; inf if the run did not complete.
+        holonomic: Largest |C^H| along each run (k,), m; `nonholonomic` that of |C^N|, m/s; inf if
+            the run did not complete.
         error: Largest error of q and p, as `multipliers` of lambda, along each run (k,), each
             component divided by its largest magnitude; inf if the run did not complete.
         without: The four results of a run with "nullspace", or with "projected" in unilateral

@@ -5,8 +5,6 @@ inputs (`segments`). For unilateral contact, which these equations do not have, 
 returns a run of the core itself.
 """
 
-from __future__ import annotations
-
 import cmath
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -114,8 +112,7 @@ def solve(
             a share of `rtol` times each state's magnitude along the run: a hundredth, but a tenth
             for LSODA, and all of it for Radau and BDF.
         most: The largest number of evaluations of the right-hand side.
-        tolerance: The largest constraint residual of the start, relative to the magnitudes of the
-            terms in the constraint.
+        tolerance: The largest constraint residual of the start, relative to the sizes of its terms.
         rates: A function to use instead of `right_hand_side().rates`, for example a compiled one;
             its arguments are tuples.
 

@@ -115,9 +115,7 @@ def largest_that_holds(
     return good
 
 
-def batches(
-    scenes: Sequence[Scene], options: Options
-) -> Iterator[tuple[_core.Batch, Sequence[int]]]:
+def batches(scenes: Sequence[Scene], options: Options) -> Iterator[tuple[_core.Batch, list[int]]]:
     """Groups scenes into batches of the core, with the indices of the scenes of each batch.
 
     Scenes that differ in numbers only share a batch, which uses SIMD lanes, with the bits of

@@ -29,8 +29,7 @@ Driven: TypeAlias = Callable[[float], tuple[float, ...]]
 METHODS = dict.fromkeys(("DOP853", "RK45", "RK23"), False)
 METHODS |= dict.fromkeys(("Radau", "BDF", "LSODA"), True)
 # The absolute tolerance as a share of the relative one times each state's size. An implicit method
-# solves equations down to their round-off; with a smaller tolerance its steps would get ever
-# shorter.
+# solves equations down to their round-off; with less its steps would get ever shorter.
 _ABSOLUTE = dict.fromkeys(METHODS, 0.01) | {"LSODA": 0.1, "Radau": 1.0, "BDF": 1.0}
 # The interpolating polynomials of these methods are as accurate as their steps. Those of one-step
 # methods are up to a hundred times less accurate; from the step before a wanted instant, such a

@@ -46,19 +46,13 @@ class LinearModel(Result):
     operating point moves, x is the difference from the motion that leaves it.
 
     Attributes:
-        A: (N, N), the derivatives of the states' rates by the states.
-        B: (N, m), those by the inputs.
-        C: (k, N), the derivatives of the outputs by the states.
-        D: (k, m), those by the inputs.
-        states: Names of the states (N,); the rate of x is "rate of x".
-        inputs: Names of the inputs (m,).
-        outputs: Names of the outputs (k,).
-        state_units: Units of the states (N,).
-        input_units: Units of the inputs (m,).
-        output_units: Units of the outputs (k,).
-        state_values: The states at the operating point (N,).
-        input_values: The inputs at the operating point (m,).
-        output_values: The outputs at the operating point (k,).
+        A: (N, N), the derivatives of the states' rates by the states, as B (N, m) by the inputs.
+        C: (k, N), the derivatives of the outputs by the states, as D (k, m) by the inputs.
+        states: Names of the states (N,), as of the `inputs` (m,) and of the `outputs` (k,); the
+            rate of x is "rate of x".
+        state_units: Units of the states (N,), as `input_units` (m,) and `output_units` (k,).
+        state_values: The states at the operating point (N,), as `input_values` (m,) and
+            `output_values` (k,).
         state_rates: The rates of the states at the operating point (N,).
         state: The operating point.
         neutral: Rows w, (k, N), of the combinations w x that no motion of the model changes: of the

@@ -45,13 +45,10 @@ Formulation = Annotated[
         help="How the constraints are enforced; the default is csm.",
     ),
 ]
+_GAINS = Stabilization()
 _OF = "Gain of the {} constraints ({}), 1/s, of csm; the default is {:g}."
-Alpha = Annotated[
-    float | None, typer.Option(help=_OF.format("holonomic", 19, Stabilization().alpha))
-]
-Beta = Annotated[
-    float | None, typer.Option(help=_OF.format("nonholonomic", 20, Stabilization().beta))
-]
+Alpha = Annotated[float | None, typer.Option(help=_OF.format("holonomic", 19, _GAINS.alpha))]
+Beta = Annotated[float | None, typer.Option(help=_OF.format("nonholonomic", 20, _GAINS.beta))]
 Threads = Annotated[int | None, typer.Option(help="Largest number of threads; all if left out.")]
 
 

@@ -33,6 +33,4 @@ __all__ += ["PinchVectorEnv", "Task", "Transition"]
 ID = "softpinch/Pinch-v0"
 # A second import, for example after a reload, finds it registered already.
 if ID not in registry:
-    register(
-        ID, entry_point="softpinch.gym:PinchEnv", vector_entry_point="softpinch.gym:PinchVectorEnv"
-    )
+    register(ID, "softpinch.gym:PinchEnv", vector_entry_point="softpinch.gym:PinchVectorEnv")

@@ -1,7 +1,5 @@
 """`PinchEnv` and `PinchVectorEnv`: one pinch and many as environments of Gymnasium."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 

@@ -51,8 +51,7 @@ class ErrorEstimate(Result):
         expected_order: The order of the method.
         asymptotic: Whether the estimate can be trusted: all three runs ended with the same status
             within a step of each other, every row has an estimate, every scaled error is below
-            1e-2, and the errors fall with the method's order (of adaptive steps, 1.6) or are
-            round-off.
+            1e-2, and errors fall with the method's order (of adaptive steps, 1.6) or are round-off.
         message: The estimate in words. It names the rows without an estimate.
         interrupted: Whether Ctrl-C came before both finer runs were done. Then every error is inf.
     """

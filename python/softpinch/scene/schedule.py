@@ -36,8 +36,7 @@ class Schedule(Record):
         times: Increasing instants (k,), s.
         angles: Target angles (k, 2), rad; columns right and left (theta_1^d and theta_2^d of (39)).
             Of a `Jaw` the target is its travel, m.
-        move_time: Duration of every move, or one for each move (k - 1,), s; only for
-            "minimum_jerk".
+        move_time: Duration of a move, or of each (k - 1,), s; only for "minimum_jerk".
         hold: "zero" or "linear"; only for "sampled".
     """
 

@@ -5,6 +5,8 @@ fields, or derive a class from `Task` and override `draw`, `terms` or `measures`
 are over arrays whose first axis is environments. Nothing here needs Gymnasium.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

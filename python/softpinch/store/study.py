@@ -104,8 +104,7 @@ class Study(Results):
     ) -> Study:
         """Computes the missing runs, and returns the study, opened again.
 
-        The rows equal those of a study that was never stopped. The arguments are those of
-        `monte_carlo`.
+        The rows equal those of a study never stopped. The arguments are those of `monte_carlo`.
 
         Raises:
             ValueError: `vary` has a function, which no file can hold: call `monte_carlo` again with

@@ -22,14 +22,11 @@ class Comparison(Result):
     Attributes:
         event: The event, "holds" for example.
         difference: The probability in `study_a` minus that in `study_b`.
-        low: Lower end of the confidence interval of the difference.
-        high: Upper end of the interval.
+        low: Lower end of the confidence interval of the difference; `high` is the upper one.
         confidence: The confidence level of the interval.
-        a: The probability in `study_a`, from the pairs alone.
-        b: The probability in `study_b`.
+        a: The probability in `study_a`, from the pairs alone; `b` is that in `study_b`.
         pairs: The number of runs that both studies have.
-        only_a: The number of pairs in which the event happened in `study_a` only.
-        only_b: The number of pairs in which it happened in `study_b` only.
+        only_a: The number of pairs in which the event happened in `study_a` only, as `only_b`.
     """
 
     event: str

@@ -20,7 +20,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..support import Floats, ShownTable, checks
+from ..support import Bools, Floats, ShownTable, checks
 from .results import Results
 from .tables import number
 
@@ -69,9 +69,7 @@ class Effects(dict[str, Effect]):
         return self._table().html()
 
 
-def sensitivity(
-    ensemble: Results, name: str | NDArray[np.bool_] = "completed"
-) -> dict[str, Effect]:
+def sensitivity(ensemble: Results, name: str | Bools = "completed") -> dict[str, Effect]:
     """The effect of each varied number on a result.
 
     Args:

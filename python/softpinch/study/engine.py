@@ -62,8 +62,7 @@ class Lost(NamedTuple):
     """Runs that the workers failed to compute.
 
     Attributes:
-        first: Number of the first lost run.
-        last: Number of the last lost run.
+        first: Number of the first lost run, as `last` is that of the last one.
         runs: Number of lost runs from `first` to `last`.
         reason: The error of the last attempt, or the reason why the executor stopped.
     """

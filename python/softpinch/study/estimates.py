@@ -25,8 +25,7 @@ class Estimate(NamedTuple):
 
     Attributes:
         value: The share of the runs in which the event happened.
-        low: Lower end of its confidence interval.
-        high: Upper end of the interval.
+        low: Lower end of its confidence interval; `high` is the upper one.
         happened: The number of runs in which the event happened.
         runs: The number of all runs.
         confidence: The confidence level of the interval.
@@ -163,8 +162,7 @@ class Mean(NamedTuple):
         value: The mean; NaN without a finite value.
         error: The standard error of the mean, spread / sqrt(runs); NaN for fewer than two values.
         spread: The sample standard deviation, with runs - 1; NaN for fewer than two values.
-        least: The smallest value; NaN without a finite value.
-        greatest: The largest value; NaN without a finite value.
+        least: The smallest value, as `greatest` is the largest; NaN without a finite value.
         runs: The number of finite values.
         left_out: The number of values that are not finite.
     """

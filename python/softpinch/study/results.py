@@ -208,8 +208,7 @@ class Results(Shown, ABC):
           complete.
         - max_residual: The largest |C| of the four constraints, C^H in m and C^N in m/s.
         - energy_closure: The largest error of the energy ledger, J.
-        - peak_torque: The largest torque on either finger, N m: of the PID, or the torque that
-          drives the finger.
+        - peak_torque: The largest torque on either finger, N m: of the PID, or one that drives it.
         """
         return self._read(self._spec.summaries)
 

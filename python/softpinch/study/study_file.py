@@ -32,8 +32,7 @@ from .distributions import Distribution
 from .sources import Key, frozen_distribution
 from .spec import RECORDING, RUN_OPTIONS, SETTINGS, SUMMARIES, StudySpec
 
-# `softpinch rare` reads the table "rare". The last three occur only in manifests, which are study
-# files too.
+# `softpinch rare` reads the table "rare". The last three are of manifests, which are study files.
 _TOP = ("scene", "paper", "study", "vary", "rare", "format", "sha256", "made_by")
 # The number of runs if neither the file nor an array determines it.
 _RUNS = 1000

@@ -14,10 +14,8 @@ def require(module: str, *, extra: str, purpose: str = "") -> ModuleType:
         # An installed module that lacks a dependency of its own should report that one.
         if error.name is None or error.name != module.split(".")[0]:
             raise
-        how = f"pip install '.[{extra}]' in a checkout"
-        raise ImportError(
-            f"softpinch's extra {extra} is needed for {purpose or module}: {how}"
-        ) from None
+        needed = f"softpinch's extra {extra} is needed for {purpose or module}"
+        raise ImportError(f"{needed}: pip install '.[{extra}]' in a checkout") from None
 
 
 def lazily(package: str, modules: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
