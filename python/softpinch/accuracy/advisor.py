@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..run import Request, Run, computed, simulate
 from ..run.options import MOST_STEPS
-from ..run.request import Request
-from ..run.run import Run, computed
-from ..run.simulate import simulate
 from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
 from ..support import Formulation, Method, Report, Result, checks, reporting

@@ -17,10 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run import Run, scaled_error
+from ..run import Options, Request, Run, scaled_error
 from ..run.measures import held_residuals
-from ..run.options import Options
-from ..run.request import Request
 from ..scene import Scene, Stabilization, usual
 from ..scene.contact import without_drift
 from ..scene.fields import ESTIMATED

@@ -13,10 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..run import scaled_error
-from ..run.options import Options
-from ..run.request import Request
-from ..run.run import computed
+from ..run import Options, Request, computed, scaled_error
 from ..scene.contact import require_bilateral
 from ..scene.control import WRITTEN
 from ..scene.fields import ESTIMATED

@@ -6,11 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..run import scaled_error
+from ..run import Options, Request, Run, computed, scaled_error
 from ..run.error_estimate import ending_at
-from ..run.options import Options
-from ..run.request import Request
-from ..run.run import Run, computed
 from ..scene import Scene, Stabilization
 from ..scene.fields import ESTIMATED
 from ..support import Floats, Formulation, Method

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..run import Request, Run, computed
 from ..run.options import Options, names
-from ..run.request import Request
-from ..run.run import Run, computed
 from ..scene import Scene, usual
 from ..scene.contact import formulations_of, require_formulations, without_drift
 from ..scene.paths import shapes_of

@@ -13,10 +13,8 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..analysis.states import state_names
-from ..run import scaled_error
+from ..run import Request, Run, computed, scaled_error
 from ..run.options import MOST_STEPS, Options
-from ..run.request import Request
-from ..run.run import Run, computed
 from ..run.stiffness import eigenvalues, stable_steps
 from ..scene import Scene, Stabilization, State
 from ..scene.contact import require_formulations

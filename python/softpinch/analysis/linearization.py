@@ -11,9 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .. import _core
-from ..run.contact import ContactMode
-from ..run.options import Options
-from ..run.request import Request
+from ..run import ContactMode, Options, Request
 from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, require_known_torque
 from ..scene.fields import Jaws, of_column

@@ -9,9 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from ..run.contact import ContactMode
-from ..run.options import Options
-from ..run.request import Request
+from ..run import ContactMode, Options, Request
 from ..scene.fields import COORDINATES, QUANTITIES, RATE_UNITS, RATES
 from ..scene.scene import Scene, State
 from ..support.arrays import Floats

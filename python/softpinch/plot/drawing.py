@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..run import ContactMode, Run, evaluate, measures
-from ..run.request import Request
+from ..run import ContactMode, Request, Run, evaluate, measures
 from ..scene import HandMotion, Pid, Scene, outline, parts
 from ..scene.fields import words
 from ..scene.outline import SKIN

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import paper
-from ..run.options import Options
-from ..run.request import Request
-from ..run.run import Run, computed
+from ..run import Options, Request, Run, computed
 from ..run.simulate import warn_of_steps
 from ..scene import Fingertip, Hand, Impulse, Pulse, Scene, Schedule
 from ..support import checks

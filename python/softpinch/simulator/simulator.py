@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run import Run, simulate
+from ..run import Request, Run, simulate
 from ..run.options import STOP_ON, Options
-from ..run.request import Request
 from ..scene import Sampled, Schedule, Stabilization, usual
 from ..scene.control import WRITTEN
 from ..scene.motion import ConstantMotion, HandMotion

@@ -16,9 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..run.options import Options
-from ..run.request import Request
-from ..run.run import Run, computed
+from ..run import Options, Request, Run, computed
 from ..scene import Fingertip, GraspedObject, Hand, Pid, Scene, Schedule, Torque
 from ..scene.parts import jaws
 from ..support import SIDES, Floats, Record, Recordable, checks

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..run import Options, Run
 from ..run.ledger import LEDGER
-from ..run.options import Options
-from ..run.run import Run
 from ..scene.fields import headers
 from ..study.compute import MOST_BLOCKS
 from ..study.rows import Edges, Rows, Spans

@@ -19,9 +19,8 @@ from typing import Any, Self
 import numpy as np
 
 from .. import _core
+from ..run import Request, Run
 from ..run.options import ALWAYS, NUMERICS, Options
-from ..run.request import Request
-from ..run.run import Run
 from ..scene.paths import at_path
 from ..scene.scene import Scene
 from ..scene.template import SceneTemplate

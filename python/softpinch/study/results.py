@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..run.options import Options
-from ..run.request import Request
-from ..run.run import Run
+from ..run import Options, Request, Run
 from ..scene.scene import Scene
 from ..support import Floats, NotRecordedError, Recordable, checks, plain, read_only
 from ..support.display import Shown, ShownTable
