@@ -203,6 +203,12 @@ def test_disturbances_and_models_have_bands_for_each_run(cases: dict[str, sp.Run
             if span[2] is SLIP]  # fmt: skip
     np.testing.assert_allclose(sorted(bar[1] for bar in found), sorted(ends))
     assert colour(GRAZE) in bands(stays)
+    # Each run that ended early ends in a cross, in all of its five panels.
+    crosses = [
+        each for axes in figure.axes for each in axes.get_lines() if each.get_marker() == "x"
+    ]
+    early = [case for case, run in cases.items() if not run.success]
+    assert early and len(crosses) == 5 * len(early)
     bilateral = sp.simulate(paper.disturbance("iii"))
     models = {"the paper's": bilateral, "μ = 0.3": cases["iii"], "other": cases["iii"]}
     figure = plot.contact_models({"(i)": {"μ = 0.3": cases["i"]}, "(iii)": models})

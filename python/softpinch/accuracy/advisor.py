@@ -15,8 +15,7 @@ import numpy as np
 from .. import _core
 from ..run import Request, Run, computed, simulate
 from ..run.options import MOST_STEPS
-from ..scene import Scene, Stabilization
-from ..scene.fields import ESTIMATED
+from ..scene import ESTIMATED, Scene, Stabilization
 from ..support import Formulation, Method, Report, Result, checks, reporting
 from .reference_motion import ReferenceMotion
 from .runs import cpu_times, largest_that_holds, pairs_of, timed_run

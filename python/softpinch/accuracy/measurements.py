@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene import Scene, Stabilization
-from ..scene.fields import ESTIMATED
+from ..scene import ESTIMATED, Scene, Stabilization
 from ..support import Floats, Method, Result, checks, require
 from ..support.table import save_by_suffix, save_csv
 

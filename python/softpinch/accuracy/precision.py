@@ -19,9 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..run import Options, Request, Run, scaled_error
 from ..run.measures import held_residuals
-from ..scene import Scene, Stabilization, usual
+from ..scene import ESTIMATED, Scene, Stabilization, usual
 from ..scene.contact import without_drift
-from ..scene.fields import ESTIMATED
 from ..support import Floats, Formulation, Method, Report, checks, reporting
 from .measurements import Measurement, Peer, StabilizationSweep, WorkPrecision
 from .reference import Reference, of_any_contact

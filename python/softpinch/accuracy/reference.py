@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..run import Options, Request, computed, scaled_error
+from ..scene import ESTIMATED, Scene
 from ..scene.contact import require_bilateral
 from ..scene.control import WRITTEN
-from ..scene.fields import ESTIMATED
-from ..scene.scene import Scene
 from ..support import Floats, Result, checks, read_only
 from .null_space import PLAIN, STATES, carried, jump, parameters, right_hand_side
 from .segments import METHODS, Inputs, System, integrate

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..run import Options, Request, Run, computed, scaled_error
 from ..run.error_estimate import ending_at
-from ..scene import Scene, Stabilization
-from ..scene.fields import ESTIMATED
+from ..scene import ESTIMATED, Scene, Stabilization
 from ..support import Floats, Formulation, Method
 from .precision import sampled_rows, switch_instants
 from .runs import accurate_run, timed_run

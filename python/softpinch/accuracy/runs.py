@@ -15,10 +15,8 @@ import numpy as np
 from .. import _core
 from ..run import Request, Run, computed
 from ..run.options import Options, names
-from ..scene import Scene, usual
+from ..scene import Scene, SceneTemplate, shapes_of, usual
 from ..scene.contact import formulations_of, require_formulations, without_drift
-from ..scene.paths import shapes_of
-from ..scene.template import SceneTemplate
 from ..support import Floats, Formulation, Method, Record
 from ..support.interrupt import CtrlC
 from ..support.suggest import places

@@ -64,7 +64,7 @@ class Inputs:
             compiled = disturbance.compile()
             self._pieces += [(_LOAD, force) for force in compiled.forces]
             for row, seed, run in compiled.noises:
-                self._pieces.append((_LOAD, _held_noise(row, (seed, run), place, begin, end)))
+                self._pieces.append((_LOAD, _noise(row, (seed, run), place, begin, end)))
             self._waves += [(_LOAD, sine.tolist()) for sine in compiled.sines]
             kicks += compiled.impulses
         if scene.motion is not None:
@@ -151,9 +151,7 @@ class Inputs:
         return driven
 
 
-def _held_noise(
-    row: Floats, key: tuple[int, int], place: int, begin: float, end: float
-) -> Piecewise:
+def _noise(row: Floats, key: tuple[int, int], place: int, begin: float, end: float) -> Piecewise:
     """The samples of a noise during a run, as a piecewise constant force."""
     *std, rate, start, stop = row[:6].tolist()
     last = min(stop, end)

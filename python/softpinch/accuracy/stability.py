@@ -16,10 +16,9 @@ from ..analysis.states import state_names
 from ..run import Request, Run, computed, scaled_error
 from ..run.options import MOST_STEPS, Options
 from ..run.stiffness import eigenvalues, stable_steps
-from ..scene import Scene, Stabilization, State
+from ..scene import Scene, Stabilization, State, branches
 from ..scene.contact import require_formulations
 from ..scene.control import require_known_torque
-from ..scene.parts import branches
 from ..support import Complexes, Floats, Formulation, Method, Result, ShownTable, checks
 from .runs import ACCURATE, accurate_run, largest_that_holds
 
@@ -262,9 +261,8 @@ def max_stable_dt(
         if math.isinf(predicted):
             reason = f"accuracy ends it, not stability: {failure}"
         elif measured <= predicted:
-            reason = (
-                f"the motion fails before its linearisation about the right one does: {failure}"
-            )
+            first = "the motion fails before its linearisation about the right one does"
+            reason = f"{first}: {failure}"
         elif share == 1.0:
             reason = "the run has too few steps for the growth to show"
         message += f"; they part because {reason}"

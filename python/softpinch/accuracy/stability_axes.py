@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..run.evaluate import evaluate
-from ..scene import Impulse, Scene, Schedule, Stabilization, State, outline
+from ..scene import Impulse, Scene, SceneTemplate, Schedule, Stabilization, State, outline
 from ..scene import fields as units
 from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, pids_of
 from ..scene.hand import Finger, Fingertip, links
 from ..scene.parts import jaws, lever
-from ..scene.template import SceneTemplate
 from ..support import SIDES, Floats, checks
 
 # An axis of a path or function is logarithmic if its last value exceeds its first by this factor.

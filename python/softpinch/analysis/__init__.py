@@ -3,13 +3,12 @@
 The others stand on `rest`, and linear models on the names of `states`.
 """
 
-from .carry import CarryLimits, carry_limits
 from .equilibrium_maps import EquilibriumMap, equilibrium_map
 from .grip_targets import Grip, grip
+from .limits import CarryLimits, WrenchLimits, carry_limits, wrench_limits
 from .linearization import LinearModel, linearize
 from .loops import Loop, loop
 from .rest import Equilibrium, equilibrium
-from .wrench import WrenchLimits, wrench_limits
 
 __all__ = ["CarryLimits", "Equilibrium", "EquilibriumMap", "Grip", "LinearModel", "Loop"]
 __all__ += ["WrenchLimits", "carry_limits", "equilibrium", "equilibrium_map", "grip", "linearize"]

@@ -31,8 +31,7 @@ class Grip(Result):
 
     Attributes:
         targets: The targets of the fingers (2,), right and left, rad, or m of a jaw.
-        force: The mean of lambda_1^H and lambda_2^H at rest, N.
-        compression: The mean of d_n1 and d_n2 at rest, m.
+        force: The mean of lambda_1^H and lambda_2^H at rest, N; `compression` is of d_n1, d_n2, m.
         equilibrium: The rest under these targets, without disturbances.
         scene: The scene with a schedule that holds these targets.
     """

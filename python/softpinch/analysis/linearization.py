@@ -12,13 +12,12 @@ import numpy as np
 
 from .. import _core
 from ..run import ContactMode, Options, Request
+from ..scene import Schedule, branches, jaws
 from ..scene.contact import as_bilateral
 from ..scene.control import WRITTEN, require_known_torque
 from ..scene.fields import Jaws, of_column
-from ..scene.parts import branches, jaws
 from ..scene.scene import Scene, State, require_fit
 from ..scene.scene import inputs as compiled_inputs
-from ..scene.schedule import Schedule
 from ..support import Complexes, Floats, Result, ShownTable, checks, extras, read_only
 from . import states
 from .rest import Equilibrium, equilibrium

@@ -11,8 +11,7 @@ from ..rare import rare_event
 from ..run.options import Options, in_place
 from ..study import study_file
 from ..study.spec import RUN_OPTIONS
-from ..support import checks, toml
-from ..support.extras import require
+from ..support import checks, require, toml
 from ..support.files import FORMATS
 from .montecarlo import CAPSULES, save_capsules
 from .options import Dt, Format, Out, Threads

@@ -219,8 +219,7 @@ class PinchVectorEnv(VectorEnv[Observed, Actions, NDArray[Any]]):
     def step(self, actions: ArrayLike) -> Stepped:
         """Holds the torques of the actions (n, 2) for one period.
 
-        Those of an environment that starts its next episode in this step are not used, but must be
-        finite.
+        Those of an environment that starts anew in this step are not used, but must be finite.
 
         Returns:
             Observations (n, entries), rewards (n,), terminations (n,), truncations (n,) and infos.

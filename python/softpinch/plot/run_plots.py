@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..run import ContactMode, Run, measures
-from ..scene import outline
+from ..scene import jaws, outline
 from ..scene.fields import QUANTITIES, label
-from ..scene.parts import jaws
 from ..support import NotRecordedError, checks
 from .style import BLACK, COLUMN, DEG, GREY, LETTERS, LINES, MM, PAGE, RED, TARGET, Unit, styled
 from .timeline import COMPRESSIONS, POSE, Column, Curve, Panel, draw, fingers, lines, recorded

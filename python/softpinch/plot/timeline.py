@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..run import ContactMode, Run, measures
+from ..scene import Scene, jaws
 from ..scene import fields as units
 from ..scene.outline import SKIN
-from ..scene.parts import jaws
-from ..scene.scene import Scene
 from ..support import SIDES, Floats
 from . import style as s
 

@@ -32,33 +32,19 @@ def quietly(what: str, share: float) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Runs:
-    """All runs behind the figures and the verdicts, recorded at every step.
+    """All runs behind the figures and the verdicts, recorded at every step."""
 
-    Attributes:
-        operations: The eight operations of VI-A.
-        coarse: The eight operations with twice the step.
-        direct: The last operation's angles as the only target, from the start.
-        cases: Case of Fig. 7 -> its run.
-        held: Case -> its run without the disturbance.
-        moments: Moment in N m -> case (i) with this moment.
-        ideal: Case (ii) with its amplitudes read as an ideal impulse in N s and N m s.
-        other_operations: The eight operations with kappa = -1.
-        other_cases: Case -> its run with kappa = -1.
-        real: Friction -> the eight operations with unilateral contact.
-        real_cases: Case -> friction -> its run with unilateral contact.
-    """
-
-    operations: Run
-    coarse: Run
-    direct: Run
-    cases: Mapping[str, Run]
-    held: Mapping[str, Run]
-    moments: Mapping[float, Run]
-    ideal: Run
-    other_operations: Run
-    other_cases: Mapping[str, Run]
-    real: Mapping[float, Run]
-    real_cases: Mapping[str, Mapping[float, Run]]
+    operations: Run  # the eight operations of VI-A
+    coarse: Run  # the eight operations with twice the step
+    direct: Run  # the last operation's angles as the only target, from the start
+    cases: Mapping[str, Run]  # case of Fig. 7 -> its run
+    held: Mapping[str, Run]  # case -> its run without the disturbance
+    moments: Mapping[float, Run]  # moment in N m -> case (i) with this moment
+    ideal: Run  # case (ii) with its amplitudes read as an ideal impulse in N s and N m s
+    other_operations: Run  # the eight operations with kappa = -1
+    other_cases: Mapping[str, Run]  # case -> its run with kappa = -1
+    real: Mapping[float, Run]  # friction -> the eight operations with unilateral contact
+    real_cases: Mapping[str, Mapping[float, Run]]  # case -> friction -> its run with that contact
 
     @cached_property
     def rests(self) -> list[Rest]:
@@ -75,12 +61,10 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     count += (1 + len(paper.CASES)) * len(FRICTIONS)
     bare = ("state",)
 
-    def run(
-        scene: Scene, what: str, record: Sequence[str] = _EVERYTHING, times: float = 1.0
-    ) -> Run:
+    def run(scene: Scene, what: str, record: Sequence[str] = _EVERYTHING, long: float = 1.0) -> Run:
         nonlocal done
         progress(f"simulating {what}", share * done / count)
-        request = Request(scene, Options.checked(dt=times * dt, record=record))
+        request = Request(scene, Options.checked(dt=long * dt, record=record))
         result = computed(request)
         warn_of_steps(request, result._result)
         done += 1
@@ -103,7 +87,7 @@ def simulate_all(dt: float, progress: Progress = quietly) -> Runs:
     moments = {moment: step.with_({"disturbances.0.moment": moment}) for moment in _MOMENTS}
     return Runs(
         operations=run(operations, "the eight operations"),
-        coarse=run(operations, "the operations with twice the step", times=2.0),
+        coarse=run(operations, "the operations with twice the step", long=2.0),
         direct=run(Scene(schedule=last, duration=paper.OPERATION_TIME), "the last operation alone"),
         cases=all_cases(""),
         held=all_cases(" undisturbed", bare, disturbances=()),

@@ -186,19 +186,12 @@ _COLORS = {v.HOLDS: "green", v.FAILS: "bold red"}
 
 @dataclass(frozen=True, kw_only=True)
 class Reproduction:
-    """The result of `reproduce`.
+    """The result of `reproduce`."""
 
-    Attributes:
-        runs: All runs.
-        tables: Name of each CSV file, without suffix -> its table.
-        findings: Verdicts on the paper's claims, and findings beyond the paper.
-        files: The written files.
-    """
-
-    runs: Runs
-    tables: Mapping[str, Table]
-    findings: tuple[Finding, ...]
-    files: tuple[Path, ...]
+    runs: Runs  # all runs
+    tables: Mapping[str, Table]  # name of each CSV file, without suffix -> its table
+    findings: tuple[Finding, ...]  # verdicts on the paper's claims, and findings beyond the paper
+    files: tuple[Path, ...]  # the written files
 
     def show(self) -> None:
         """Prints how the runs ended, and the verdicts; needs the extra `cli`."""

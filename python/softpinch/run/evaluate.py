@@ -56,14 +56,11 @@ class Evaluation(Result):
     """Every term at one state, in the order of q and of (C_1^H, C_2^H, C_1^N, C_2^N).
 
     Attributes:
-        mass_matrix: M (14), (9, 9).
-        constraint_matrix: Phi (25), (4, 9).
+        mass_matrix: M (14), (9, 9); `constraint_matrix` is Phi (25), (4, 9).
         constraint_rate: b = (dPhi/dt) p, (4,), m/s^2.
-        residuals: C^H (9), m, and C^N (12), m/s, (4,).
-        residual_rates: dC^H/dt, (2,), m/s.
+        residuals: C^H (9), m, and C^N (12), m/s, (4,); `residual_rates` are dC^H/dt, (2,), m/s.
         forces: All forces except the constraint forces; `energies` are those of (5), (14) and (16).
-        multipliers: lambda (4,), N.
-        accelerations: dp/dt, (9,), m/s^2 and rad/s^2.
+        multipliers: lambda (4,), N; `accelerations` are dp/dt, (9,), m/s^2 and rad/s^2.
         target: Target angles theta_1^d and theta_2^d, (2,), rad.
     """
 

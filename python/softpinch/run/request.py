@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from .. import _core
-from ..scene.parts import jaws
-from ..scene.scene import Scene
+from ..scene import Scene, jaws
 from ..support.arrays import Floats
 from .options import MOST_STEPS, Options
 

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..scene import Scene, State, fields
+from ..scene import Scene, State, fields, jaws
 from ..scene.motion import HandMotion, HandState
 from ..scene.outline import drawings
-from ..scene.parts import jaws
 from ..support import NotRecordedError, Shown, ShownTable, checks, plain, read_only, save_map
 from .contact import ContactChange, ContactMode, DifferentiatedChange, known_modes
 from .error_estimate import QUANTITIES, ErrorEstimate

@@ -6,12 +6,17 @@ between runs. `fields` is the table of all quantities with units, symbols and us
 
 from .control import Pid, SampledController, Torque
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
+from .fields import ESTIMATED as ESTIMATED
 from .hand import Finger, Fingertip, GraspedObject, Hand
 from .motion import HandMotion
 from .parts import Arc, Face, Jaw, Maxwell, MeasuredLaw, Parallelogram, ParallelSprings, PowerLaw
+from .parts import branches as branches
+from .parts import jaws as jaws
+from .paths import shapes_of as shapes_of
 from .scene import Scene, State
 from .schedule import Schedule
 from .stabilization import Stabilization
+from .template import SceneTemplate as SceneTemplate
 
 __all__ = ["Arc", "Disturbance", "Face", "Finger", "Fingertip", "GraspedObject", "Hand"]
 __all__ += ["HandMotion", "Impulse", "Jaw", "Maxwell", "MeasuredLaw", "Noise", "ParallelSprings"]

@@ -18,8 +18,7 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from .. import _core
-from ..support import checks
-from ..support.arrays import Floats
+from ..support import Floats, checks
 from ..support.record import unchecked
 from .disturbance import DISTURBANCES, Compiled, Disturbance
 from .motion import MOTIONS

@@ -5,6 +5,8 @@ fields, or derive a class from `Task` and override `draw`, `terms` or `measures`
 are over arrays whose first axis is environments. Nothing here needs Gymnasium.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..run import Options, Request, Run, computed
-from ..scene import Fingertip, GraspedObject, Hand, Pid, Scene, Schedule, Torque
-from ..scene.parts import jaws
+from ..scene import Fingertip, GraspedObject, Hand, Pid, Scene, Schedule, Torque, jaws
 from ..support import SIDES, Floats, Record, Recordable, checks
 from .simulator import Observations, Simulator, VectorSimulator, checked_actions
 
@@ -44,13 +45,7 @@ def usual_grasp() -> Scene:
 
 
 class Measure(NamedTuple):
-    """One entry of the observation.
-
-    Attributes:
-        name: Name of the measured quantity.
-        unit: The unit of `scale`; "1" without one.
-        scale: The value that is observed as 1.
-    """
+    """An entry of the observation; its `scale`, in its `unit` ("1" for none), is observed as 1."""
 
     name: str
     unit: str

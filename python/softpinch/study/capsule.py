@@ -21,9 +21,8 @@ import numpy as np
 from .. import _core
 from ..run import Request, Run
 from ..run.options import ALWAYS, NUMERICS, Options
+from ..scene import Scene, SceneTemplate
 from ..scene.paths import at_path
-from ..scene.scene import Scene
-from ..scene.template import SceneTemplate
 from ..support import ByValue, Recordable, ShownTable, checks, plain, read_only, text_of, toml
 from .estimates import number_or_array
 

@@ -128,8 +128,7 @@ class Uniform(Distribution):
     """The uniform distribution from `low` to `high`.
 
     Attributes:
-        low: Lower bound, of any shape.
-        high: Upper bound, above `low`.
+        low: Lower bound, of any shape; `high` is the upper bound, above it.
     """
 
     low: ArrayLike
@@ -151,8 +150,7 @@ class LogUniform(Distribution):
     """The logarithm is uniform, for numbers of which only the order of magnitude is known.
 
     Attributes:
-        low: Lower bound, > 0, of any shape.
-        high: Upper bound, above `low`.
+        low: Lower bound, > 0, of any shape; `high` is the upper bound, above it.
     """
 
     low: ArrayLike

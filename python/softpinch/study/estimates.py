@@ -26,8 +26,7 @@ class Estimate(NamedTuple):
     Attributes:
         value: The share of the runs in which the event happened.
         low: Lower end of its confidence interval; `high` is the upper one.
-        happened: The number of runs in which the event happened.
-        runs: The number of all runs.
+        happened: The number of runs in which the event happened, of all `runs`.
         confidence: The confidence level of the interval.
         missing: The number of runs that were requested and have no result.
         interval: "Wilson" for a number of runs that was fixed before ("Probable inference", 1927);
@@ -163,8 +162,7 @@ class Mean(NamedTuple):
         error: The standard error of the mean, spread / sqrt(runs); NaN for fewer than two values.
         spread: The sample standard deviation, with runs - 1; NaN for fewer than two values.
         least: The smallest value, as `greatest` is the largest; NaN without a finite value.
-        runs: The number of finite values.
-        left_out: The number of values that are not finite.
+        runs: The number of finite values; `left_out` is the number of the others.
     """
 
     value: float
@@ -241,8 +239,7 @@ class Discretisation(Result):
     independent draws; with other samplers, those of a mean are usually too large.
 
     Attributes:
-        bias: Mean of (value - value with smaller steps).
-        bias_error: Standard error of `bias`.
+        bias: Mean of (value - value with smaller steps); `bias_error` is its standard error.
         worst: Largest |value - value with smaller steps|.
         sampling_error: Standard error of the summary's mean over all runs.
         runs: The number of compared runs.

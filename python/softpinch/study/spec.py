@@ -11,10 +11,7 @@ from typing import Any, Self
 
 from .. import _core
 from ..run.options import MOST_STEPS, NUMERICS, Options, names
-from ..scene.parts import jaws
-from ..scene.paths import shapes_of
-from ..scene.scene import Scene
-from ..scene.template import SceneTemplate
+from ..scene import Scene, SceneTemplate, jaws, shapes_of
 from ..support import Floats, checks, plain
 from .rows import Numbers, Rows, Schema, checked_event
 from .sampling import Draws

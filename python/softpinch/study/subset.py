@@ -22,9 +22,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..support.arrays import Floats
-from ..support.extras import require
-from ..support.result import Result
+from ..support import Floats, Result, require
 
 # A level is a tenth of the one before, so that chains from inside it have so many points.
 LENGTH = 10
