@@ -196,7 +196,7 @@ MUTANTS = (
     Mutant("method/rosenbrock.rs", "-0.189532918363016", "-0.189532928363016", CARGO),
     Mutant(
         "method/rosenbrock.rs",
-        "E::of(share.mul_add(linearization.by_time(n), load[n]))",
+        "E::of(share.mul_add(linearization.jacobian.rows[n][by_time], load[n]))",
         "E::of(load[n])",
         "convergence",
     ),

@@ -1,7 +1,7 @@
 //! The equations of unilateral contact as the search for events uses them: for one run.
 
 use crate::formulation::impact::{Impact, impact};
-use crate::formulation::{Equations, States, Terms, Unilateral};
+use crate::formulation::{Equations, Terms, Unilateral};
 use crate::model::{Any, Carriage, Contacts, Coordinates, Geometry, Input, Motion, Plant, SegmentFrame};
 use crate::number::{LaneTask, Real, inlined, task};
 
@@ -71,14 +71,6 @@ impl<'a> ContactEquations<'a> {
     ) -> Impact {
         let Self { equations, .. } = *self;
         f64::outlined(Collision { equations, geometry, p, closed, impulse })
-    }
-
-    pub fn begin(&self, motion: &Motion<f64>) -> States<f64> {
-        Equations::begin(self, self.plant().driven, motion)
-    }
-
-    pub fn motion(&self, input: &Input<f64>, y: &States<f64>) -> Motion<f64> {
-        self.unpack(self.plant().driven, input, y)
     }
 
     /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.

@@ -141,7 +141,7 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
             let from = self.progress.to.lane(lane);
             let to = run.place.segment_end(&run.scene.inputs, from);
             self.progress.enter(lane, (from, to), to == run.place.end);
-            self.batch.enter_segment(lane, from, from);
+            self.batch.enter_segment(lane, from, Some(from));
         }
         if self.batch.unilateral {
             self.choose_modes(begins, start);

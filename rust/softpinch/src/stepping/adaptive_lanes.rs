@@ -89,7 +89,7 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
         self.events_in_a_row[lane] = 0;
         // A controller that measures at the start of the run needs the inputs before that.
         if self.batch.runs[lane].as_ref().is_some_and(|run| run.controller.is_some()) {
-            self.batch.enter_sample(lane, from);
+            self.batch.enter_segment(lane, from, None);
         }
         self.saved |= Bits::from(loaded) << lane;
         Ok(loaded)

@@ -212,28 +212,22 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         Ok(true)
     }
 
-    /// Begins the segment of a lane that starts at `anchor` and goes on at the time `t`.
-    pub(super) fn enter_segment(&mut self, lane: usize, anchor: f64, t: f64) {
+    /// Begins the segment of a lane that starts at `anchor` and goes on at the time `t`. Without a time it only sets the inputs
+    /// before a sample of the discrete controller, which measures under the torques so far.
+    pub(super) fn enter_segment(&mut self, lane: usize, anchor: f64, t: Option<f64>) {
         let Some(run) = &mut self.runs[lane] else { return };
         let mut drive = run.scene.inputs.segment(anchor);
         if let Some(controller) = &mut run.controller {
-            drive.hold(controller.torque(&run.scene.inputs, t));
+            drive.hold(t.map_or(controller.held(), |t| controller.torque(&run.scene.inputs, t)));
         }
         self.drive.set(lane, &drive);
+        if t.is_none() {
+            return;
+        }
         if let Some(contact) = &mut run.contact {
             contact.enter(anchor, drive);
         }
         run.segments += 1;
-    }
-
-    /// Sets the inputs of a lane before a sample of its discrete controller, which measures under the torques so far.
-    pub(super) fn enter_sample(&mut self, lane: usize, anchor: f64) {
-        let Some(run) = &self.runs[lane] else { return };
-        let mut drive = run.scene.inputs.segment(anchor);
-        if let Some(controller) = &run.controller {
-            drive.hold(controller.held());
-        }
-        self.drive.set(lane, &drive);
     }
 
     /// Lets the discrete controller of a lane measure the instant `t`, which was just evaluated.

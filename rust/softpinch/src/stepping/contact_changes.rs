@@ -2,9 +2,7 @@
 
 use crate::formulation::{Chosen, ContactJump, Equations, choose, contacts_in};
 use crate::model::{Coordinates, Mode, Motion, Slip, work};
-use crate::stepping::{
-    Cause, Change, ContactRun, Event, EventResult, EventStepper, Loss, Passage, Reason, SegmentState,
-};
+use crate::stepping::{Cause, Change, Event, EventResult, EventStepper, Loss, Passage, Reason, SegmentState};
 
 /// The share of a step after which the choice of modes is checked on a border.
 const MOMENT: f64 = 1.0 / 8192.0;
@@ -101,8 +99,7 @@ impl EventStepper<'_> {
                     self.book(place, work::IMPACT, 0.5 * mass * rate * rate);
                 }
                 self.relax(&mut motion, i);
-                let time = self.run.anchor + place.tau;
-                open(self.run, self.equations.tilts(&motion.q), i, cause, time);
+                self.open(place.tau, &motion, i, cause);
             }
             Cause::Stop => {
                 self.run.contacts[i].slip = None;
@@ -244,7 +241,7 @@ impl EventStepper<'_> {
             let (before, after) = (self.run.contacts[i].mode, modes[i]);
             // A tip that meets the face and leaves it at once is free before and after.
             if after == Mode::Free {
-                open(self.run, self.equations.tilts(&motion.q), i, causes[i], time);
+                self.open(place.tau, &motion, i, causes[i]);
                 continue;
             }
             if before != after {
@@ -283,16 +280,17 @@ impl EventStepper<'_> {
             terms
         })
     }
-}
 
-fn open(run: &mut ContactRun, tilts: [f64; 2], i: usize, cause: Cause, time: f64) {
-    let contact = &mut run.contacts[i];
-    if contact.mode == Mode::Free && !contact.closed {
-        return;
+    fn open(&mut self, tau: f64, motion: &Motion<f64>, i: usize, cause: Cause) {
+        let (time, tilts) = (self.run.anchor + tau, self.equations.tilts(&motion.q));
+        let contact = &mut self.run.contacts[i];
+        let before = std::mem::replace(&mut contact.mode, Mode::Free);
+        if before != Mode::Free {
+            self.run.changes.push(Change { time, finger: i, before, after: Mode::Free, cause });
+        } else if !contact.closed {
+            return;
+        }
+        contact.frozen_tilt = tilts[i];
+        (contact.closed, contact.slip) = (false, None);
     }
-    if contact.mode != Mode::Free {
-        run.changes.push(Change { time, finger: i, before: contact.mode, after: Mode::Free, cause });
-    }
-    contact.frozen_tilt = tilts[i];
-    (contact.mode, contact.closed, contact.slip) = (Mode::Free, false, None);
 }

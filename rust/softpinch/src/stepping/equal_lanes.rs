@@ -133,7 +133,7 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
         if run.controller.as_ref().is_some_and(|controller| controller.is_due(start)) {
             // The run starts with a sample. Its segment begins after that.
             self.batch.phases.set(1 << lane, Phase::Sample);
-            self.batch.enter_sample(lane, anchor);
+            self.batch.enter_segment(lane, anchor, None);
             return;
         }
         let phase = match run.contact.as_deref() {
@@ -141,7 +141,7 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
             _ => run.place.phase_at_start(&run.scene),
         };
         self.batch.phases.set(1 << lane, phase);
-        self.batch.enter_segment(lane, anchor, start);
+        self.batch.enter_segment(lane, anchor, Some(start));
     }
 
     /// Lets the discrete controllers of the lanes in `sampling` measure the instant that was just evaluated, and

@@ -72,18 +72,18 @@ impl EventStepper<'_> {
 
     pub fn terms_at(&self, tau: f64, y: &States<f64>) -> (Terms<f64>, Motion<f64>) {
         let input = self.input(tau);
-        let motion = self.equations.motion(&input, y);
+        let motion = self.equations.unpack(self.equations.plant().driven, &input, y);
         (self.equations.terms(&input, &self.drive.contacts, &motion), motion)
     }
 
     pub fn motion(&self, place: &SegmentState) -> Motion<f64> {
-        self.equations.motion(&self.input(place.tau), &place.y)
+        self.equations.unpack(self.equations.plant().driven, &self.input(place.tau), &place.y)
     }
 
     /// Writes a motion into a state, whose works stay.
     pub fn store(&self, place: &mut SegmentState, motion: &Motion<f64>) {
-        let states = self.system.size().states;
-        place.y[..states].copy_from_slice(&self.equations.begin(motion)[..states]);
+        let (states, driven) = (self.system.size().states, self.equations.plant().driven);
+        place.y[..states].copy_from_slice(&self.equations.begin(driven, motion)[..states]);
     }
 
     /// Adds to a work of the ledger, if it is carried.

@@ -62,30 +62,20 @@ const START: &str = ": this is the state in which the run starts";
 const RUNAWAY: &str = "; no motion leaps so far in a step: the steps are too long for this scene. max_stable_dt says how long dt may be, and a smaller \
      tolerance takes shorter steps";
 
-/// The point at which a value turns back between two instants.
-#[derive(Clone, Copy)]
-struct TurningPoint {
-    /// Position of the point as a share of the time between the instants.
-    x: f64,
-    value: f64,
-}
-
-impl TurningPoint {
-    /// The turning point of the cubic through values and rates at both ends, if the rates have opposite
-    /// signs.
-    #[inline(always)]
-    fn of((f0, rate0): (f64, f64), (f1, rate1): (f64, f64), h: f64) -> Option<Self> {
-        if rate0 * rate1 >= 0.0 {
-            return None;
-        }
-        let (m0, m1, rise) = (h * rate0, h * rate1, f1 - f0);
-        // The cubic's derivative, m0 + 2 b x + 3 c x^2, has one root between ends of opposite signs. The root
-        // is computed in its numerically stable form.
-        let (b, c) = (3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise);
-        let root = b.mul_add(b, -3.0 * c * m0).max(0.0).sqrt();
-        let x = if m0 < 0.0 { -m0 / (b + root) } else { -m0 / (b - root) };
-        (x > 0.0 && x < 1.0).then(|| Self { x, value: x.mul_add(x.mul_add(x.mul_add(c, b), m0), f0) })
+/// The turning point of the cubic through values and rates at both ends, if the rates have opposite signs: its place as a
+/// share of the time between the ends, and the value there.
+#[inline(always)]
+fn turning_point((f0, rate0): (f64, f64), (f1, rate1): (f64, f64), h: f64) -> Option<(f64, f64)> {
+    if rate0 * rate1 >= 0.0 {
+        return None;
     }
+    let (m0, m1, rise) = (h * rate0, h * rate1, f1 - f0);
+    // The cubic's derivative, m0 + 2 b x + 3 c x^2, has one root between ends of opposite signs. The root is computed in
+    // its numerically stable form.
+    let (b, c) = (3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise);
+    let root = b.mul_add(b, -3.0 * c * m0).max(0.0).sqrt();
+    let x = if m0 < 0.0 { -m0 / (b + root) } else { -m0 / (b - root) };
+    (x > 0.0 && x < 1.0).then(|| (x, x.mul_add(x.mul_add(x.mul_add(c, b), m0), f0)))
 }
 
 #[derive(Clone, Copy)]
@@ -377,13 +367,13 @@ task! {
                 (sides[i].tilt::<Any>(i, &motion.q).0, sides[i].tilt_rate(i, &motion.q, &motion.p))
             };
             let compression = |motion: &Motion<f64>| (motion.q.compression[i], motion.p.compression[i]);
-            let compression = TurningPoint::of(compression(before), compression(after), h);
-            let tilt = TurningPoint::of(tilt(before), tilt(after), h);
+            let compression = turning_point(compression(before), compression(after), h);
+            let tilt = turning_point(tilt(before), tilt(after), h);
             let found = compression
-                .filter(|point| point.value < -SEPARATION * a || point.value >= a)
-                .or(tilt.filter(|point| point.value.abs() >= std::f64::consts::FRAC_PI_2));
-            if let Some(point) = found {
-                return Some(point.x);
+                .filter(|&(_, value)| value < -SEPARATION * a || value >= a)
+                .or(tilt.filter(|&(_, value)| value.abs() >= std::f64::consts::FRAC_PI_2));
+            if let Some((x, _)) = found {
+                return Some(x);
             }
         }
         None
@@ -474,12 +464,12 @@ mod tests {
     /// f = 1 - 4 x + 7 x^2 - 2 x^3 over h = 0.5: its derivative is zero at (7 - sqrt(25)) / 6 = 1/3.
     #[test]
     fn a_turning_point_between_two_instants_is_found() {
-        let point = TurningPoint::of((1.0, -4.0 / 0.5), (2.0, 4.0 / 0.5), 0.5).unwrap();
-        assert!((point.x - 1.0 / 3.0).abs() < 1e-15, "{}", point.x);
-        assert!((point.value - (1.0 - 4.0 / 3.0 + 7.0 / 9.0 - 2.0 / 27.0)).abs() < 1e-15, "{}", point.value);
-        let other = TurningPoint::of((-1.0, 4.0 / 0.5), (-2.0, -4.0 / 0.5), 0.5).unwrap();
-        assert_eq!((other.x, other.value), (point.x, -point.value));
-        assert!(TurningPoint::of((1.0, 1.0), (2.0, 3.0), 0.5).is_none());
-        assert!(TurningPoint::of((1.0, 0.0), (2.0, 0.0), 0.5).is_none());
+        let (x, value) = turning_point((1.0, -4.0 / 0.5), (2.0, 4.0 / 0.5), 0.5).unwrap();
+        assert!((x - 1.0 / 3.0).abs() < 1e-15, "{x}");
+        assert!((value - (1.0 - 4.0 / 3.0 + 7.0 / 9.0 - 2.0 / 27.0)).abs() < 1e-15, "{value}");
+        let other = turning_point((-1.0, 4.0 / 0.5), (-2.0, -4.0 / 0.5), 0.5).unwrap();
+        assert_eq!(other, (x, -value));
+        assert!(turning_point((1.0, 1.0), (2.0, 3.0), 0.5).is_none());
+        assert!(turning_point((1.0, 0.0), (2.0, 0.0), 0.5).is_none());
     }
 }
