@@ -4,7 +4,7 @@
 between runs. `fields` is the table of all quantities with units, symbols and usual ranges.
 """
 
-from .control import Pid, SampledController, Torque
+from .control import GainSwitch, Pid, SampledController, Torque
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .hand import Finger, Fingertip, GraspedObject, Hand
 from .motion import HandMotion
@@ -19,6 +19,7 @@ __all__ = [
     "Face",
     "Finger",
     "Fingertip",
+    "GainSwitch",
     "GraspedObject",
     "Hand",
     "HandMotion",
