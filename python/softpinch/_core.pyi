@@ -195,7 +195,9 @@ class Inputs:
         noises: Sequence[tuple[_Floats, int, NDArray[np.uint64], int]],
         fingers: str,
         controller: tuple[
-            list[tuple[list[str], int, tuple[bool, bool], _Floats]], int, NDArray[np.uint64]
+            list[tuple[list[str], int, tuple[bool, bool], _Floats, tuple[str, bool] | None]],
+            int,
+            NDArray[np.uint64],
         ]
         | None = None,
         motion: tuple[tuple[_Floats, _Floats], tuple[_Floats, _Floats], _Floats] | None = None,

@@ -31,7 +31,7 @@ def scene_of(*blocks: sp.SampledController, **changes: Any) -> sp.Scene:
 
 def by_steps(scene: sp.Scene, found: sp.Loop, periods: int) -> float:
     """The growth in a period, from a random start, of the linear motion with blocks beside it."""
-    model, end = _model(scene, None), periods * found.period
+    model, end = _model(scene, sp.equilibrium(scene)), periods * found.period
     parts = [one for _, one in scene.control.blocks()]  # type: ignore[union-attr]
     calm = [replace(one, outer=None, initial_torque=(0.0, 0.0), limits=None) for one in parts]
     blocks = [Block(one, k, end) for k, one in enumerate(calm)][::-1]
@@ -80,6 +80,30 @@ def test_the_radius_is_the_growth_of_the_linear_loop(name: str) -> None:
     found = sp.loop(scene)
     grows = by_steps(scene, found, 400 if found.period < 2e-3 else 60)
     assert grows == pytest.approx(found.spectral_radius, abs=1e-5)
+
+
+def test_of_two_sets_of_gains_those_count_that_act() -> None:
+    second = sp.SampledController.pid(1e-3, 30.0, 0.2, 50.0)
+    late = sp.GainSwitch(C=second.C, D=second.D, at=0.5)
+    sets = [SERVO, replace(SERVO, C=second.C, D=second.D)]
+    first, other = (sp.loop(scene_of(camera(20.0), one)) for one in sets)
+    assert abs(first.spectral_radius - other.spectral_radius) > 1e-3
+    for duration, expected in ((0.4, first), (1.0, other)):
+        switched = scene_of(camera(20.0), replace(SERVO, switch=late), duration=duration)
+        assert sp.loop(switched) == expected
+        rest = sp.equilibrium(switched)
+        assert rest.state is not None
+        stays = sp.simulate(replace(switched, initial=rest.state, duration=0.2))
+        assert stays.success
+        if duration == 1.0:
+            assert np.abs(stays.q - rest.state.q).max() < 1e-9
+    by_measure = replace(SERVO, switch=replace(late, at=None, measure="angle_rate", above=1.0))
+    scene = scene_of(camera(20.0), by_measure)
+    for function in (sp.loop, sp.equilibrium):
+        with pytest.raises(ValueError, match=r"GainSwitch\.measure = 'angle_rate': decides"):
+            function(scene)
+    for time, expected in ((-np.inf, first), (np.inf, other)):
+        assert sp.loop(replace(scene, control=scene.control.gains_at(time))) == expected  # type: ignore[union-attr]
 
 
 def test_margins_are_where_the_loop_becomes_unstable() -> None:

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
@@ -90,6 +91,18 @@ LOOPS = {
         {"dead_zone": {"rotation": 2e-4}, "rate_limit": 0.05},
         {"dead_zone": {"angle_error": 1e-3, "angle_rate": 0.01}, "rate_limit": 8.0},
     ),
+    # The servo from 0.018 s on, and the camera while the object is turned.
+    "two sets of gains": cascade(
+        {"switch": sp.GainSwitch(C=3.0 * SWAY, measure="rotation", above=1e-3, latched=False)},
+        {"switch": sp.GainSwitch(A=0.99 * EYE, C=-5.0 * EYE, D=1.5 * SERVO.D, at=0.018)},
+    ),
+    "gains that stay": cascade(
+        {"measure_delay": 0.0, "delay": 0.0},
+        {
+            "dead_zone": {"angle_error": 1e-3},
+            "switch": sp.GainSwitch(D=0.4 * SERVO.D, measure="angle_rate", above=0.6, below=-0.6),
+        },
+    ),
     "three blocks": sp.SampledController.cascade(
         [
             replace(CAMERA, measure_delay=0.0),
@@ -167,6 +180,9 @@ def test_a_run_goes_on_from_any_row(name: str, how: dict[str, Any]) -> None:
 
 VARY = {
     "control.delay": sp.Uniform(0.0, 3e-3),
+    "control.switch.at": sp.Uniform(0.0, 0.03),
+    "control.switch.D.0.0": sp.Uniform(-2.0, -1.0),
+    "control.outer.switch.above": sp.Uniform(0.0, 2e-3),
     "control.jitter": sp.Uniform(0.0, 0.4e-3),
     "control.D.0.0": sp.Uniform(-5.0, -3.0),
     "control.outer.period": sp.Uniform(4e-3, 9e-3),
@@ -184,7 +200,11 @@ def test_runs_in_lanes_have_the_bits_that_they_have_alone(
     method: str, contact: str, adaptive: bool
 ) -> None:
     noisy = {"measure_noise": {"angle_error": 1e-3, "angle_rate": 0.1}}
-    control = cascade({"measure_noise": {"rotation": 1e-3}}, noisy)
+    turned = sp.GainSwitch(D=0.5 * CAMERA.D, measure="rotation", above=1e-3, latched=adaptive)
+    control = cascade(
+        {"measure_noise": {"rotation": 1e-3}, "switch": turned},
+        noisy | {"switch": sp.GainSwitch(D=0.3 * SERVO.D, at=0.01)},
+    )
     scene = scene_of(control, contact=contact, friction=0.3, duration=0.025)
     method = "dop853" if adaptive and method == "rk4" else method
     how: dict[str, Any] = {"tolerance": 1e-4} if adaptive else {"dt": 1e-4}
@@ -210,17 +230,46 @@ def test_a_cascade_of_one_block_is_that_block() -> None:
     assert np.array_equal(one.q, two.q)
 
 
+def test_two_sets_of_gains_are_those_of_two_controllers() -> None:
+    """Until the switch the bits are those of the first one, and from the start on of the second."""
+    second = replace(SERVO, C=2.0 * SERVO.C, D=0.5 * SERVO.D)
+    for at, alone in ((1.0, SERVO), (-1.0, second)):
+        switched = replace(SERVO, switch=sp.GainSwitch(C=second.C, D=second.D, at=at))
+        one, two = (sp.simulate(scene_of(control)) for control in (alone, switched))
+        assert np.array_equal(one.q, two.q)
+        flag = two.state().controller[-1]
+        assert np.array_equal(one.state().controller, two.state().controller[:-1])
+        assert flag == (at < 0.0)
+
+
+@pytest.mark.parametrize("number", [3, 5, 7, 9])
+def test_the_sample_at_the_instant_of_a_switch_has_the_second_gains(number: int) -> None:
+    """Also where the sample's own instant, number * 1.7e-3, is less but for round-off."""
+    at = float(Fraction("1.7e-3") * number)
+    assert number == 9 or 1.7e-3 * number < at
+    block = sp.SampledController(
+        1.7e-3, D=EYE, measures=("target",), switch=sp.GainSwitch(D=2.0 * EYE, at=at)
+    )
+    run = sp.simulate(scene_of(block, duration=0.04), record=("state", "torque"))
+    single = [TURN.target(t)[0] for t in (0.0, 0.0125)]
+    after = run.torque[:, 0] > 1.2 * max(single)
+    assert run.t[np.argmax(after)] == pytest.approx(at, abs=1e-9)
+    assert after[np.argmax(after) :].all()
+
+
 def test_the_mirror_image() -> None:
     """With the fingers exchanged and x, the rotation and the moments turned round."""
     push = sp.Pulse(time=0.0105, duration=0.01, force=(3.0, -1.0), moment=0.01)
     turn = sp.Schedule.steps([0.0], [[0.1, 0.12]])
-    control = cascade({"loss": 0.3, "jitter": 2e-3}, {"jitter": 0.3e-3})
+    turned = sp.GainSwitch(C=9.0 * SWAY, measure="rotation", below=-1e-3)
+    control = cascade({"loss": 0.3, "jitter": 2e-3, "switch": turned}, {"jitter": 0.3e-3})
     mirrored_camera = replace(
         CAMERA,
         loss=0.3,
         jitter=2e-3,
         D=np.hstack([0.4 * SWAY, 0.002 * SWAY, 0.002 * SWAY, EYE]),
         initial_torque=CAMERA.initial_torque[::-1],
+        switch=sp.GainSwitch(C=9.0 * SWAY, measure="rotation", above=1e-3),
     )
     mirrored = sp.SampledController.cascade(
         [mirrored_camera, replace(SERVO, jitter=0.3e-3, initial_torque=(0.4, 0.42))]
@@ -257,7 +306,8 @@ def test_lost_samples_and_jitter_have_their_odds() -> None:
 
 
 def test_simulators_set_the_targets_of_the_first_block() -> None:
-    control = cascade({"loss": 0.2}, {"jitter": 0.4e-3})
+    calm = sp.GainSwitch(D=0.5 * SERVO.D, measure="angle_rate", above=0.1)
+    control = cascade({"loss": 0.2}, {"jitter": 0.4e-3, "switch": calm})
     scene = scene_of(control, contact="unilateral", friction=0.6)
     sim = sp.Simulator(scene, 1.7e-3, 1e-4)
     middle = None
@@ -284,8 +334,9 @@ def test_simulators_set_the_targets_of_the_first_block() -> None:
 
 
 def test_files_and_bad_blocks() -> None:
-    scene = scene_of(LOOPS["normal jitter"])
-    assert sp.Scene.from_toml(scene.to_toml()) == scene
+    for name in ("two sets of gains", "normal jitter"):
+        scene = scene_of(LOOPS[name])
+        assert sp.Scene.from_toml(scene.to_toml()) == scene
     assert scene.vary_paths()["control.outer.period"] == (1 / 137, "s")
     changed = scene.with_({"control.outer.delay": 2e-3, "control.seed": 9})
     assert changed.control.outer.delay == 2e-3
@@ -311,6 +362,21 @@ def test_files_and_bad_blocks() -> None:
     ):
         with pytest.raises(ValueError, match=rf"SampledController\.{field}.*{rule}"):
             replace(SERVO, **{field: value})
+    second = SERVO.D
+    for fields, rule in (
+        ({"D": second}, "must have at, or measure with above or below"),
+        ({"D": second, "measure": "angle_rate", "at": 1.0}, "must have at, or measure with"),
+        ({"above": 1.0, "at": 1.0}, "must have at, or measure with"),
+        ({"D": second, "at": np.nan}, r"GainSwitch\.at = nan: must be finite"),
+        ({"D": EYE, "at": 1.0}, r"GainSwitch\.D has shape \(2, 2\): must have shape \(2, 4\)"),
+        ({"D": np.nan * second, "at": 1.0}, r"GainSwitch\.D\[0, 0\] = nan: must be finite"),
+        ({"measure": "shear", "above": 1.0}, r"GainSwitch\.measure = 'shear': must be one of"),
+    ):
+        with pytest.raises(ValueError, match=rule):
+            replace(SERVO, switch=sp.GainSwitch(**fields))
+    switched = scene_of(LOOPS["two sets of gains"])
+    with pytest.raises(ValueError, match=r"run 1: GainSwitch\.at = nan"):
+        sp.monte_carlo(switched, vary={"control.switch.at": [0.0, np.nan]}, progress=False)
     late = {"control.outer.measure_delay": [1e-3, -1e-3]}
     with pytest.raises(ValueError, match=r"run 1: .*measure_delay"):
         sp.monte_carlo(scene, vary=late, progress=False)
@@ -350,7 +416,8 @@ def test_powers_of_two_scale_a_cascade_to_the_bit(
     units = Units(*powers)
     time, torque = units.time, units.of(2, 1, -2)
     late = {"loss": 0.3, "jitter": 2e-3, "dead_zone": 0.0}
-    control = cascade(late, {"jitter": 0.3e-3, "rate_limit": 500.0})
+    second = sp.GainSwitch(D=0.5 * SERVO.D, at=0.017)
+    control = cascade(late, {"jitter": 0.3e-3, "rate_limit": 500.0, "switch": second})
     scene = scene_of(sp.Pid(), contact=contact, friction=0.3)  # type: ignore[arg-type]
     times = ("period", "first_sample", "measure_delay", "delay", "jitter")
 
@@ -370,6 +437,9 @@ def test_powers_of_two_scale_a_cascade_to_the_bit(
                 limits=servo.limits * torque,
                 initial_torque=np.array(servo.initial_torque) * torque,
                 rate_limit=500.0 * torque / time,
+                switch=sp.GainSwitch(
+                    D=0.5 * servo.D * np.repeat([torque, torque * time], 2), at=0.017 * time
+                ),
             ),
         ]
     )
@@ -388,10 +458,16 @@ def test_random_loops_end_with_a_status_within_their_limits(runs: int) -> None:
     rng = np.random.default_rng(3)
     control = cascade(
         {"limits": (-2.0, 2.0), "measure_noise": {"rotation": 1e-3}},
-        {"limits": (-3.0, 2.5), "anti_windup": True, "rate_limit": 1e3},
+        {
+            "limits": (-3.0, 2.5),
+            "anti_windup": True,
+            "rate_limit": 1e3,
+            "switch": sp.GainSwitch(D=-SERVO.D, measure="angle_rate", above=0.1),
+        },
     )
     vary: dict[str, Any] = {
         "grasped.mass": sp.Uniform(0.05, 0.2),
+        "control.switch.above": sp.Uniform(0.0, 2.0),
         "control.loss": sp.Uniform(0.0, 0.9),
         "control.jitter": sp.Uniform(0.0, 4e-4),
         "control.outer.jitter": sp.Uniform(0.0, 9e-4),

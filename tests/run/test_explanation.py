@@ -73,6 +73,9 @@ def test_controllers_are_named_with_their_periods() -> None:
         terms = sp.explain(sp.Scene(control=control), measure=False).terms
         (reason,) = [one.reason for one in terms if one.name == "finger angles and controllers"]
         assert reason == f"a sample every {periods} turns the fingers"
+    two = replace(blocks[1], switch=sp.GainSwitch(D=2.0 * blocks[1].D, at=0.1))
+    names = [one.name for one in sp.explain(sp.Scene(control=two), measure=False).terms]
+    assert "finger angles and controllers with two sets of gains" in names
 
 
 def test_bytes_of_chosen_rows_include_the_end() -> None:

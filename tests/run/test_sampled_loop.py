@@ -180,3 +180,18 @@ def test_other_ends_are_no_fault_of_the_loop(monkeypatch: pytest.MonkeyPatch) ->
     assert run.status == "separated" and not texts
     monkeypatch.setattr("softpinch.run.stiffness.radius", lambda *_: pytest.fail())
     assert sp.simulate(scene).success
+
+
+def test_the_loop_is_that_of_the_gains_that_act() -> None:
+    wild = pid(kd=4.0 * DEADBEAT)
+    switched = replace(pid(), switch=sp.GainSwitch(D=wild.D, at=0.1))
+    state, torque = resting(pid()).start(), rest().torque[-1]
+    for time, alone in ((0.05, pid()), (0.1, replace(pid(), D=wild.D))):
+        scenes = [sp.Scene(control=control, schedule=TARGETS) for control in (switched, alone)]
+        one, two = (radius(scene, time, state.q, state.p, torque) for scene in scenes)
+        assert one == two
+    # Where a measure decides, a run that fails has no loop to name.
+    switch = sp.GainSwitch(D=wild.D, measure="angle_rate", above=1e-3)
+    scene = sp.Scene(control=replace(pid(), switch=switch), schedule=TARGETS, duration=1.0)
+    run, texts = said(scene)
+    assert not run.success and not any("whose loop" in text for text in texts)

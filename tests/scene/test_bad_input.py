@@ -34,6 +34,7 @@ RECORDS: dict[str, Any] = {
     "Fingertip": sp.Fingertip,
     "GraspedObject": sp.GraspedObject,
     "Pid": sp.Pid,
+    "GainSwitch": partial(sp.GainSwitch, at=0.1, measure="angle_rate", above=1.0),
     "Stabilization": sp.Stabilization,
     "Scene": sp.Scene,
 }
@@ -43,6 +44,7 @@ OTHERS = {
     "GraspedObject": {"right", "left"},
     "Arc": {"center", "counterface"},
     "MeasuredLaw": {"compression", "force"},
+    "GainSwitch": {*"ABCD", "measure", "latched"},
 }
 FIELDS = [(record, field, rule) for record, f in _core.RULES.items() for field, rule in f.items()]
 

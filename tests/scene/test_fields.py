@@ -70,6 +70,7 @@ OWNERS: dict[str, list[Any]] = {
     "hand.tip": [sp.Fingertip],
     "grasped": [sp.GraspedObject],
     "control": [sp.Pid, sp.SampledController],
+    "control.switch": [sp.GainSwitch],
     "schedule": [sp.Schedule],
     "disturbances": [*DISTURBANCES.values()],
     "motion": [*MOTIONS.values()],

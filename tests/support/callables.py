@@ -173,6 +173,7 @@ def objects() -> dict[str, Any]:
         "WorkPrecision": precision(),
         "Capsule": capsule(),
         "MeasuredLaw": sp.MeasuredLaw(**CURVE),
+        "SampledController": SAMPLED.control,
         "Scene": SCENE,
         "Schedule": sp.Schedule.steps([0.0], [[0.1, 0.1]]),
         "HandMotion": sp.HandMotion.constant(),
@@ -225,6 +226,7 @@ def special() -> dict[str, dict[str, Any]]:
     gains = {name: [[0.1, 0.0], [0.0, 0.1]] for name in "ABCD"}
     own: dict[str, dict[str, Any]] = {
         "Arc.from_dict": {"data": {"kind": "arc", "radius": 0.03}},
+        "GainSwitch": {"D": gains["D"], "at": 0.1, "measure": "angle", "above": 0.1},
         "GraspedObject.disc": {"diameter": 0.06},
         "GraspedObject.wedge": {"angle": 0.05},
         "MeasuredLaw": CURVE,
@@ -306,6 +308,7 @@ def special() -> dict[str, dict[str, Any]]:
         sp.Face(),
         sp.PowerLaw(1e5, 2.0),
         sp.Maxwell(0.5, 0.1),
+        sp.GainSwitch(at=0.1),
     ]
     records += [sp.ParallelSprings(1e5)]
     records += [sp.Torque(), sp.Stabilization(), SCENE.start(), SCENE.schedule, *DRAWS.values()]

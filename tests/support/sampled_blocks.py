@@ -47,10 +47,27 @@ class Block:
         self.xi = np.array(control.initial_state)
         self.seen: list[np.ndarray] = []
         self.outputs: list[np.ndarray] = []
+        self.second = False
         self.force = np.array(control.initial_torque)
 
     def due(self, instants: np.ndarray, t: float) -> bool:
         return bool((np.abs(instants - t) < SAME).any())
+
+    def gains(self, t: float, y: np.ndarray) -> list[Any]:
+        """A, B, C and D of a sample that is used at t, by its measurements y."""
+        of, switch = self.control, self.control.switch
+        if switch is not None:
+            own: list[float] = []
+            for name in of.measures:
+                numbers, y = np.split(y, [sp._core.MEASURES[name]])
+                own += numbers.tolist() if name == switch.measure else []
+            now = switch.at is not None and t > switch.at - SAME
+            now = now or (switch.above is not None and max(own) > switch.above)
+            now = now or (switch.below is not None and min(own) < switch.below)
+            self.second = now or (switch.latched and self.second)
+            if self.second:
+                of = replace(of, switch=None, **switch.gains)  # type: ignore[arg-type]
+        return [of.A, of.B, of.C, of.D]
 
     def at(self, t: float, q: Any, p: Any, target: Any, schedule: Any) -> None:
         of = self.control
@@ -69,7 +86,8 @@ class Block:
                 )
             zone = np.asarray(of.dead_zone)
             y = np.sign(y) * np.maximum(np.abs(y) - zone, 0.0)
-            u = of.C @ self.xi + of.D @ y
+            a, b, c, d = self.gains(t, y)
+            u = c @ self.xi + d @ y
             if of.limits is not None:
                 u = np.clip(u, of.limits[:, 0], of.limits[:, 1])
             if of.rate_limit is not None:
@@ -77,7 +95,7 @@ class Block:
                 most = of.rate_limit * of.period
                 u = np.clip(u, last - most, last + most)
             self.outputs.append(u)
-            self.xi = of.A @ self.xi + of.B @ y
+            self.xi = a @ self.xi + b @ y
         if self.due(self.acting, t):
             self.force = self.outputs[int(np.argmin(np.abs(self.acting - t)))]
 

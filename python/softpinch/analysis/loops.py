@@ -11,13 +11,7 @@ import numpy as np
 from ..run.stiffness import MEASURED
 from ..scene.control import WRITTEN, SampledController, Torque
 from ..scene.fields import RATE_UNITS
-from ..scene.loop_matrix import (
-    MOST_UNDER_WAY,
-    NEUTRAL,
-    common_period,
-    measured,
-    spectral_radius,
-)
+from ..scene.loop_matrix import MOST_UNDER_WAY, NEUTRAL, common_period, measured, spectral_radius
 from ..scene.scene import Scene, State
 from ..scene.schedule import Schedule
 from ..support import checks
@@ -60,18 +54,21 @@ def loop(scene: Scene, state: State | Equilibrium | None = None, block: int = -1
             take at most 50 periods of their block.
         state: Where the grasp rests: a state of its run that has settled, whose rates count as
             zero, or an `equilibrium` of the scene, also with another law. None finds the scene's.
+            Two sets of gains: those of its time act; a measure that decides is refused.
         block: Place in the cascade of the block whose margins are computed; -1 is the last one.
     """
     checks.instance("scene", scene, Scene)
     control = scene.control
     if not isinstance(control, SampledController):
         raise ValueError(f"Scene.{WRITTEN[scene.law]}: loop needs a SampledController")
-    blocks = [replace(own, outer=None) for _, own in control.blocks()][::-1]
-    block = checks.integer("block", block, -len(blocks), len(blocks) - 1)
-    (period, why), own = common_period(control), blocks[block]
+    count, (period, why) = len([*control.blocks()]), common_period(control)
+    block = checks.integer("block", block, -count, count - 1)
     if why:
         raise ValueError(why)
+    state = equilibrium(scene) if state is None else state
     model = _model(scene, state)
+    blocks = [replace(own, outer=None) for _, own in control.gains_at(state.time).blocks()][::-1]
+    own = blocks[block]
 
     def radius(**changes: object) -> float:
         blocks[block] = replace(own, **changes)  # type: ignore[arg-type]
@@ -101,7 +98,7 @@ def _first(radius: Callable[[float], float], most: int) -> float:
     return low
 
 
-def _model(scene: Scene, state: State | Equilibrium | None) -> LinearModel:
+def _model(scene: Scene, state: State | Equilibrium) -> LinearModel:
     """The motion with torques as inputs about the state, or about a rest."""
     modes = None
     if isinstance(state, State):
@@ -113,11 +110,10 @@ def _model(scene: Scene, state: State | Equilibrium | None) -> LinearModel:
             raise ValueError(f"state.p[{k}] = {state.p[k]:.4g} {RATE_UNITS[k]}: {rule}")
         torque = state.controller[3:5]
     else:
-        rest = equilibrium(scene) if state is None else state
-        checks.instance("state", rest, Equilibrium, "a State, an Equilibrium or None")
-        if rest.state is None:
-            raise ValueError(f"loop: {rest.message}")
-        torque, state = rest.torque, rest.state
+        checks.instance("state", state, Equilibrium, "a State, an Equilibrium or None")
+        if state.state is None:
+            raise ValueError(f"loop: {state.message}")
+        torque, state = state.torque, state.state
         modes = ("stick", "stick") if scene.contact == "unilateral" else None
     held = replace(scene, control=Torque(), schedule=Schedule.steps([0.0], [torque]), initial=None)
     at = replace(state, p=np.zeros(9), controller=None, integral=(0.0, 0.0), linearized=None)

@@ -169,7 +169,7 @@ def equilibrium(
 
     Raises:
         ValueError: Both `shear` and `grip` are given, or the scene's `SampledController` has no
-            unique rest, as without gains on angles.
+            unique rest, as without gains on angles, or a measure decides which gains act.
     """
     checks.instance("scene", scene, Scene)
     if shear is not None and grip is not None:
@@ -198,6 +198,7 @@ def equilibrium(
     if not isinstance(control, SampledController):
         found = rest_scene(scene, instant).equilibrium(kind, member, start)
         return from_core(scene, instant, found, kind, member)
+    control = control.gains_at(instant)
     found, row, message = sampled_rest(scene, control, instant, kind, member, start)
     if message:
         status = "not_found" if found["status"] == "at_rest" else found["status"]
@@ -230,7 +231,7 @@ def from_core(
         return _no_equilibrium(scene, time, "not_found", words, kind, member)
     control = scene.control
     if isinstance(control, SampledController):
-        state = State(found["q"], time=time, controller=row)
+        control, state = control.gains_at(time), State(found["q"], time=time, controller=row)
         eigenvalues, known = sampled_eigenvalues(scene, control, state, found["torque"])
     else:
         state = State(found["q"], integral=tuple(found["integral"].tolist()), time=time)

@@ -101,9 +101,8 @@ def _solved(matrix: Floats, right: Floats) -> Floats:
     columns = np.maximum(np.abs(matrix / rows).max(axis=0), np.finfo(float).tiny)
     found, _, rank, _ = np.linalg.lstsq(matrix / rows / columns, right / rows[:, 0], _SINGULAR)
     if rank < len(right):
-        why = "equations xi = A xi + B y, u = C xi + D y have no unique solution: two states may"
-        law = WRITTEN["sampled"]
-        raise ValueError(f"Scene.{law}: has no unique rest, its {why} integrate alike")
+        why = "its xi = A xi + B y, u = C xi + D y have no unique solution: two states may"
+        raise ValueError(f"Scene.{WRITTEN['sampled']}: has no unique rest: {why} integrate alike")
     return np.asarray(found / columns)
 
 
@@ -115,17 +114,15 @@ def _row(control: SampledController, time: float, rest: Floats) -> tuple[Floats,
         rest, own = np.split(rest, [len(rest) - 2 - len(driving(block))])
         xi, outputs = np.array(block.initial_state), own[-2:]
         xi[driving(block)] = own[:-2]
-        if (
-            block.limits is not None
-            and (outputs != np.clip(outputs, *np.transpose(block.limits))).any()
-        ):
+        low, high = (-np.inf, np.inf) if block.limits is None else block.limits.T
+        if (outputs != np.clip(outputs, low, high)).any():
             beyond = f"{path}.limits do not allow its outputs at rest, {outputs.tolist()}"
         late, period = 1 + (block.jitter > 0.0), block.period
         zeros = 2 * (math.ceil(block.delay / period) + late)
         if block.measure_delay > 0.0 or block.loss > 0.0:
             waiting = math.ceil(block.measure_delay / period) + late + 1
             zeros += 1 + waiting * np.asarray(block.D).shape[1]
-        numbers += [[time, 0.0, 0.0], outputs, xi, np.zeros(zeros)]
+        numbers += [[time, 0.0, 0.0], outputs, xi, np.zeros(zeros + (block.switch is not None))]
     return np.hstack(numbers), beyond
 
 

@@ -166,7 +166,8 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
     turns, law = "(39)" if scene.law == "pid" else WRITTEN[scene.law], "PID"
     if isinstance(scene.control, SampledController):
         periods = [f"{block.period:g} s" for _, block in scene.control.blocks()]
-        turns, law = f"a sample every {' and every '.join(periods[::-1])}", "controllers"
+        two = " with two sets of gains" * any(own.switch for _, own in scene.control.blocks())
+        turns, law = f"a sample every {' and every '.join(periods[::-1])}", f"controllers{two}"
     driver = "the schedule drives the fingers"
     carried = f"{type(scene.motion).__name__}: inertial forces, gravity that turns, and their work"
     events = "tips stick, slip, graze or are free; the events between them are located"

@@ -7,6 +7,7 @@ a `SampledController` if they failed.
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -190,7 +191,9 @@ def unstable(request: Request, status: str, end: float) -> str | None:
     rows = np.flatnonzero((motion["contact"] == ContactMode.STICK).all(axis=1))
     rows = rows[np.linspace(0, len(rows) - 1, min(_LOOP_INSTANTS, len(rows))).round().astype(int)]
     names = ("t", "q", "p", "torque")
-    radii = [radius(scene, *(motion[name][row] for name in names)) for row in rows]
+    radii: list[float] = []
+    with suppress(ValueError):  # a measure decides which gains act
+        radii = [radius(scene, *(motion[name][row] for name in names)) for row in rows]
     found = float(np.median(radii)) if radii else math.nan
     if not math.log(max(found, 1.0)) * lasted / period >= math.log(GROWN):
         return None
@@ -207,8 +210,8 @@ def radius(scene: Scene, t: float, q: Floats, p: Floats, torque: Floats) -> floa
 
     It is at least 1, because a grasp at rest has two neutral states. `torque` (2,), N m, acts.
     """
-    control = scene.control
-    assert isinstance(control, SampledController)
+    assert isinstance(scene.control, SampledController)
+    control = scene.control.gains_at(t)
     held = inputs(Schedule.steps([0.0], [torque]), scene.disturbances, "torque")
     plant = Request(scene, Options.checked(formulation="nullspace")).linear_model(
         np.array([t]), q[None], p[None], np.zeros((1, 2)), inputs=held, whole=True, open_loop=True

@@ -4,7 +4,7 @@
 between runs. `fields` is the table of all quantities with units, symbols and usual ranges.
 """
 
-from .control import Pid, SampledController, Torque
+from .control import GainSwitch, Pid, SampledController, Torque
 from .disturbance import Disturbance, Impulse, Noise, Pulse, Sampled, Sine, Step
 from .fields import ESTIMATED as ESTIMATED
 from .hand import Finger, Fingertip, GraspedObject, Hand
@@ -18,7 +18,17 @@ from .schedule import Schedule
 from .stabilization import Stabilization
 from .template import SceneTemplate as SceneTemplate
 
-__all__ = ["Arc", "Disturbance", "Face", "Finger", "Fingertip", "GraspedObject", "Hand"]
-__all__ += ["HandMotion", "Impulse", "Jaw", "Maxwell", "MeasuredLaw", "Noise", "ParallelSprings"]
+__all__ = ["Arc", "Disturbance", "Face", "Finger", "Fingertip", "GainSwitch"]
+__all__ += [
+    "GraspedObject",
+    "Hand",
+    "HandMotion",
+    "Impulse",
+    "Jaw",
+    "Maxwell",
+    "MeasuredLaw",
+    "Noise",
+    "ParallelSprings",
+]
 __all__ += ["Parallelogram", "Pid", "PowerLaw", "Pulse", "Sampled", "SampledController", "Scene"]
 __all__ += ["Schedule", "Sine", "Stabilization", "State", "Step", "Torque"]

@@ -6,18 +6,20 @@ A new law needs its class, and a line in `LAWS`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any, Self, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .. import _core
 from ..support import checks
 from ..support.arrays import Floats, read_only
 from ..support.choices import Jitter
-from ..support.record import SIDES, Kinded, Record
+from ..support.record import Kinded, Record, bare
 from .hand import one_or_pair, or_other
 
 # Measures that a controller knows without a sensor.
@@ -28,10 +30,12 @@ _OF_EACH = ("measure_noise", "resolution", "dead_zone")
 # The numbers of a block as the core takes them.
 _NUMBERS = ("period", "first_sample", "measure_delay", "delay", "loss", "jitter", "rate_limit")
 _NUMBERS += ("limits", "initial_torque", *"ABCD", "initial_state", *_OF_EACH)
+_NONE = dict.fromkeys(("rate_limit", "at", "above"), np.array([np.inf]))  # for what is None
+_NONE |= {"limits": np.tile([-np.inf, np.inf], (1, 2, 1)), "below": np.array([-np.inf])}
 
 # A block of a `SampledController` as the core takes it: measures, number of states, anti-windup and
-# whether jitter is normal, and numbers (runs, k).
-Compiled: TypeAlias = tuple[list[str], int, tuple[bool, bool], Floats]
+# whether jitter is normal, numbers (runs, k); of a `GainSwitch` its measure, and `latched`.
+Compiled: TypeAlias = tuple[list[str], int, tuple[bool, bool], Floats, tuple[str, bool] | None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -58,11 +62,49 @@ class Law(Kinded):
 class Torque(Law):
     """The schedule's values are the torques on the fingers, N m, instead of target angles.
 
-    A positive torque closes its finger. Between the instants of the schedule the torques are what
-    the schedule says: constant for `Schedule.steps`, linear for `Schedule.ramps`. No angle is fed
-    back. Give a schedule too: the default one, 0.105 rad for a PID, would be 0.105 N m. What moves
-    a `Jaw` is a force, N.
+    A positive torque closes its finger. Between the instants of the schedule torques are constant
+    for `Schedule.steps`, linear for `Schedule.ramps`. No angle is fed back. Give a schedule too:
+    the default one, 0.105 rad for a PID, would be 0.105 N m. What moves a `Jaw` is a force, N.
     """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class GainSwitch(Record):
+    """A second set of gains of a `SampledController`, and when it acts.
+
+    It acts on samples that are used at `at` or later, or of which a number of `measure`, as it is
+    used (less its target, after a dead zone), is above `above` or below `below`. States xi stay.
+
+    Attributes:
+        A: The second gains, as `B`, `C` and `D`, shaped as the block's; None keeps the block's.
+        at: Instant on the clock of the schedule, s.
+        measure: One of the block's measures, with the thresholds `above` and `below` in its unit.
+        latched: Whether the second set stays once it acts. If not, each sample decides anew.
+    """
+
+    A: NDArray[np.float64] | None = None
+    B: NDArray[np.float64] | None = None
+    C: NDArray[np.float64] | None = None
+    D: NDArray[np.float64] | None = None
+    at: float | None = None
+    measure: str | None = None
+    above: float | None = None
+    below: float | None = None
+    latched: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, own in self.gains.items():
+            self._set(name, checks.array(f"GainSwitch.{name}", own, ("n", "k")))
+        self._set("latched", checks.boolean("GainSwitch.latched", self.latched))
+        crosses = (self.above, self.below) != (None, None)
+        if crosses != (self.measure is not None) or not (crosses or self.at is not None):
+            raise ValueError(f"{self!r}: must have at, or measure with above or below")
+
+    @property
+    def gains(self) -> dict[str, Floats]:
+        """The second gains that are given, by their names."""
+        return {name: own for name in "ABCD" if (own := getattr(self, name)) is not None}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,8 +119,7 @@ class SampledController(Law):
     of the integration end at each of these instants, so that a method keeps its order. A delay may
     be longer than the period. The schedule has the target angles of the fingers.
 
-    `cascade` makes one of several, such as of a camera and a servo, each with a period, delays and
-    limits of its own.
+    `cascade` makes one of several, such as of a camera and a servo, each with numbers of its own.
 
     Measures, with the number of their entries in y:
 
@@ -90,8 +131,7 @@ class SampledController(Law):
     - "position" (2), m; "velocity" (2), m/s: x and y of the object;
     - "rotation" (1), rad; "rotation_rate" (1), rad/s: theta of the object;
     - "compression" (2), m; "shear" (2), m: d_n and d_t of both tips;
-    - "multipliers" (4), N: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N under the torques before
-      the sample;
+    - "multipliers" (4), N: lambda_1^H, lambda_2^H, lambda_1^N, lambda_2^N under the torques before;
     - "accelerometer" (2), m/s^2; "gyroscope" (1), rad/s: an inertial sensor at the origin of the
       hand's frame. It reads (a_x + g sin(phi), a_y + g cos(phi)) with the acceleration a along the
       hand's axes, at a jump that after it, and the rate of the tilt phi; at rest (0, g) and 0.
@@ -104,13 +144,10 @@ class SampledController(Law):
         D: (2, m); None is zero.
         measures: Names of the measures, in the order of y.
         delay: Time from a sample (and its `measure_delay`) until its torques act, s.
-        limits: Smallest and largest torque, N m, (2,), or one pair for each finger (2, 2); None
-            does not limit them. The torques never exceed them.
-        initial_torque: Torques on the right and the left finger until the first sample acts, N m,
-            within the limits.
+        limits: Smallest and largest torque, N m, (2,), or (2, 2) for each finger; None is no limit.
+        initial_torque: Torques on both fingers until the first sample acts, N m, within the limits.
         initial_state: xi_0 (n,); None is zero.
-        anti_windup: Anti-windup by clamping: a state is held during a sample if its change would
-            drive a limited torque further beyond its limit.
+        anti_windup: Clamping: a state is held in a sample that drives a limited torque further out.
         measure_noise: Standard deviation of Gaussian noise on the measurements, in their units: one
             number for each entry of y (m,), or measure -> number; a number holds for all. Known
             quantities ("target", "target_rate") have none.
@@ -121,14 +158,13 @@ class SampledController(Law):
         first_sample: Time from the start until the first sample, s.
         measure_delay: Time from a sample until its measurements are used, s, with the targets of
             the later instant. Torques act `delay` after that.
-        loss: Probability, below 1, with which the measurements of a sample are lost, and those of
-            the sample before it are used again. The first sample is never lost.
+        loss: Probability, below 1, that a sample but the first is lost, and the one before counts.
         jitter: How late samples are, s, below the period: with `jitter_kind` "uniform" from 0 to
             it; or with "normal" the size of a normal number with this deviation, at most 0.999
             periods. No sample overtakes another one. Delays begin at the late sample.
         rate_limit: Largest change of a torque in one period, divided by it, N m/s; None: no limit.
-        dead_zone: Half the width of a dead zone of measurements, given as `measure_noise`: y
-            between -z and z counts as 0, and beyond it as closer to 0 by z.
+        dead_zone: z, given as `measure_noise`: measurements count as closer to 0 by z, or as 0.
+        switch: A second set of gains, and when it acts.
         outer: The block before this one in a cascade; see `cascade`.
     """
 
@@ -154,6 +190,7 @@ class SampledController(Law):
     jitter_kind: Jitter = "uniform"
     rate_limit: float | None = None
     dead_zone: NDArray[np.float64] | float = 0.0
+    switch: GainSwitch | None = None
     outer: SampledController | None = None
 
     def __post_init__(self) -> None:
@@ -175,7 +212,12 @@ class SampledController(Law):
             rule = "must be (n, n), because B or C is given"
             raise ValueError(f"SampledController.A = {checks.shown(self.A)}: {rule}")
         for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (2, n)), ("D", (2, m))):
-            self._set(name, _matrix(name, getattr(self, name), shape))
+            value = getattr(self, name)
+            if value is None and name in "BC" and n:
+                rule = f"must have shape {shape}, to fit A and measures"
+                raise ValueError(f"{of(name)} = None: {rule}")
+            none = value is None or (np.size(value) == 0 and 0 in shape)
+            self._set(name, checks.array(of(name), np.zeros(shape) if none else value, shape))
         if n == 0 and self.D is not None and not self.D.any():
             rule = "give D, or A, B and C (`pid` makes them)"
             raise ValueError(f"SampledController: it has no gains; {rule}")
@@ -184,16 +226,21 @@ class SampledController(Law):
         self._set("initial_torque", torque)
         begin = np.zeros(n) if self.initial_state is None else self.initial_state
         self._set("initial_state", checks.array(of("initial_state"), begin, (n,)))
-        limits = [] if self.limits is None else self.limits.tolist()
-        for side, own, (low, high) in zip(SIDES, torque, limits, strict=False):
-            if not low <= own <= high:
-                rule = f"must be within the limits, from {low} to {high} for the {side} finger"
-                raise ValueError(f"{of('initial_torque')} = {checks.shown(torque)}: {rule}")
+        if self.limits is not None and (np.clip(torque, *self.limits.T) != torque).any():
+            rule = f"must be within the limits {self.limits.tolist()} of the right and left finger"
+            raise ValueError(f"{of('initial_torque')} = {checks.shown(torque)}: {rule}")
         self._set("anti_windup", checks.boolean(of("anti_windup"), self.anti_windup))
         for name in _OF_EACH:
             self._set(name, self._of_each(name, getattr(self, name)))
         for name in ("seed", "run"):
             self._set(name, checks.integer(of(name), getattr(self, name), 0, 2**64 - 1))
+        if self.switch is not None:
+            checks.instance(of("switch"), self.switch, GainSwitch)
+            checks.choice(
+                "GainSwitch.measure", self.switch.measure or self.measures[0], self.measures
+            )
+            for name, own in self.switch.gains.items():
+                checks.array(f"GainSwitch.{name}", own, getattr(self, name).shape)
         if self.outer is not None:
             checks.instance(of("outer"), self.outer, SampledController)
             if (self.outer.seed, self.outer.run) != (self.seed, self.run):
@@ -211,12 +258,8 @@ class SampledController(Law):
                     raise ValueError(f"{place}[{known!r}] = {checks.shown(value[known])}: {rule}")
             value = [checks.number(f"{place}[{k!r}]", value.get(k, 0.0)) for k in self.measures]
             value = np.repeat(value, widths)
-        elif np.ndim(value) == 0:  # type: ignore[arg-type]
-            value = np.full(sum(widths), checks.number(place, value))
-        found = checks.array(place, value, (sum(widths),))
-        for k, number in enumerate(found):
-            checks.non_negative(f"{place}[{k}]", number)
-        return found
+        found = checks.number_or_array(place, value, checks.non_negative)
+        return checks.array(place, found * np.ones(np.shape(found) or sum(widths)), (sum(widths),))
 
     @classmethod
     def pid(
@@ -226,23 +269,17 @@ class SampledController(Law):
 
         The continuous PID is its limit as the period goes to zero. The default gains are those of
         `Pid`; with the default hand they are unstable from a delay of 1 ms on, where kp = 4,
-        kd = 0.05 and ki = 20 are stable. Give all three gains: the default ki beside a kp of 1 and
-        a kd of 0.05 is unstable where no tip touches, which a run warns of. In studies the gains of
-        the right and the left finger are -`D.0.0` and -`D.1.1` (kp), -`D.0.2` and -`D.1.3` (kd),
-        -`C.0.0` and -`C.1.1` (ki). Units are those of `Pid`; `settings` are other fields.
+        kd = 0.05 and ki = 20 are stable. Give all three gains. In studies those of the right and
+        the left finger are -`D.0.0` and -`D.1.1` (kp), -`D.0.2` and -`D.1.3` (kd), -`C.0.0` and
+        -`C.1.1` (ki). Units are those of `Pid`; `settings` are other fields.
         """
         period = checks.positive("SampledController.period", period)
         gains = {"kp": kp, "kd": kd, "ki": ki}
         kp, kd, ki = (checks.finite(f"SampledController.pid: {k}", v) for k, v in gains.items())
         one, zero = np.eye(2), np.zeros((2, 2))
-        return cls(
-            period,
-            one,
-            np.hstack([period * one, zero]),
-            -ki * one,
-            np.hstack([-kp * one, -kd * one]),
-            **{"measures": ("angle_error", "angle_rate")} | settings,
-        )
+        b, d = np.hstack([period * one, zero]), np.hstack([-kp * one, -kd * one])
+        settings = {"measures": ("angle_error", "angle_rate")} | settings
+        return cls(period, one, b, -ki * one, d, **settings)
 
     @classmethod
     def cascade(cls, blocks: Iterable[SampledController]) -> SampledController:
@@ -252,8 +289,7 @@ class SampledController(Law):
         and delays) are the targets of the next one, also in "angle_error", and those of the last
         one are the torques. At an instant that a block shares with a sample of the last one, but
         for round-off, it acts first. The result is the last block, whose seed and run are those of
-        all, with the one before it as its `outer`: paths are "control.period" and
-        "control.outer.period".
+        all, with the one before it as its `outer`, whose paths begin with "control.outer.".
         """
         name = "cascade: blocks"
         given = checks.several(name, blocks, "several SampledControllers")
@@ -262,18 +298,30 @@ class SampledController(Law):
             checks.instance(f"{name}[{k}]", block, SampledController)
             if block.outer is not None:
                 raise ValueError(f"{name}[{k}].outer is given: must be None, the list has them all")
-        whole: SampledController = given[0]
-        for block in given[1:]:
-            whole = replace(block, outer=whole)
+        whole: SampledController = reduce(lambda outer, own: replace(own, outer=outer), given)
         return whole
 
     def blocks(self) -> Iterator[tuple[str, SampledController]]:
         """Yields the blocks and their paths in a scene, the last one of the cascade first."""
-        block: SampledController | None = self
-        path = "control"
-        while block is not None:
-            yield path, block
-            block, path = block.outer, f"{path}.outer"
+        yield "control", self
+        for path, block in self.outer.blocks() if self.outer is not None else ():
+            yield f"control.outer{path.removeprefix('control')}", block
+
+    def gains_at(self, time: float) -> SampledController:
+        """The cascade with the gains that act at an instant, s; at inf, all second sets, for ever.
+
+        At -inf they are the first ones. Else a measure that decides raises a `ValueError`.
+        """
+        switch, ever = self.switch, math.isinf(checks.not_nan("time", time))
+        outer = None if self.outer is None else self.outer.gains_at(time)
+        if switch is None:
+            return self if outer is self.outer else replace(self, outer=outer)
+        second = time == math.inf or (switch.at is not None and switch.at <= time)
+        if switch.measure is not None and not (second or ever):
+            rule = "decides which gains act; control.gains_at(inf) or (-inf) has one set"
+            raise ValueError(f"GainSwitch.measure = {switch.measure!r}: {rule}")
+        gains: dict[str, Any] = switch.gains if second else {}
+        return replace(self, outer=outer, switch=None if ever else switch, **gains)
 
     @property
     def passes_targets(self) -> bool:
@@ -285,37 +333,25 @@ class SampledController(Law):
             k += _core.MEASURES[name]
         return False
 
-    def compile_runs(self, values: Mapping[str, Floats]) -> Compiled:
+    def compile_runs(self, values: Mapping[str, Any]) -> Compiled:
         """Returns this block as the core takes it; `values` differ between runs -> (runs, ...)."""
-        none = {"limits": np.tile([-np.inf, np.inf], (2, 1)), "rate_limit": np.inf}
-        parts = []
-        for name in _NUMBERS:
-            own = getattr(self, name)
-            own = np.asarray(none[name] if own is None else own, dtype=float)
-            many = values.get(name, own[None])
-            parts.append(many.reshape(len(many), own.size))
+        own, switched = _NONE | _many(self, values), None
+        parts = [own[name] for name in _NUMBERS]
+        if (switch := self.switch) is not None:
+            own |= _many(switch, values.get("switch", {}))
+            parts += [own[name] for name in (*"ABCD", "at", "above", "below")]
+            switched = switch.measure or "", switch.latched
         runs = max(map(len, parts))
-        rows = np.hstack([np.broadcast_to(part, (runs, part.shape[1])) for part in parts])
+        parts = [np.broadcast_to(part, (runs, *part.shape[1:])) for part in parts]
+        rows = np.hstack([part.reshape(runs, -1) for part in parts])
         how = self.anti_windup, self.jitter_kind == "normal"
         states = 0 if self.A is None else len(self.A)
-        return list(self.measures), states, how, np.ascontiguousarray(rows)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Converts to a dictionary with the key `kind`; arrays without entries are left out."""
-        data = super().to_dict()
-        if not data["A"]:
-            for name in (*"ABC", "initial_state"):
-                del data[name]
-        return data
+        return list(self.measures), states, how, np.ascontiguousarray(rows), switched
 
 
-def _matrix(name: str, value: ArrayLike | None, shape: tuple[int, int]) -> Floats:
-    place = f"SampledController.{name}"
-    if value is None and name in "BC" and 0 not in shape:
-        raise ValueError(f"{place} = None: must have shape {shape}, to fit A and measures")
-    if value is None or (np.size(value) == 0 and 0 in shape):
-        value = np.zeros(shape)
-    return checks.array(place, value, shape)
+def _many(record: Record, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields that are not None, with an axis for the runs."""
+    return {k: x for k, x in bare(record, values)._values().items() if x is not None}
 
 
 def _limits(value: object) -> Floats | None:
@@ -326,10 +362,11 @@ def _limits(value: object) -> Floats | None:
     if given.shape not in ((2,), (2, 2)):
         raise ValueError(f"{place}: must be (smallest, largest), or one such pair for each finger")
     pairs = np.array(np.broadcast_to(given, (2, 2)))
-    if not (pairs[:, 0] <= pairs[:, 1]).all():
-        raise ValueError(f"{place}: the smallest must not exceed the largest")
-    if (pairs[:, 0] == np.inf).any() or (pairs[:, 1] == -np.inf).any():
-        raise ValueError(f"{place}: must leave a finite torque")
+    low, high = pairs.T
+    if not ((low <= high) & (low < np.inf) & (high > -np.inf)).all():
+        raise ValueError(
+            f"{place}: the smallest must not exceed the largest, and leave a finite torque"
+        )
     return read_only(pairs)
 
 
@@ -338,7 +375,7 @@ Control: TypeAlias = Pid | tuple[Pid, Pid] | Torque | SampledController
 # The entry `kind` of a scene file -> class. A PID has none.
 LAWS: dict[str, type[Law]] = {"torque": Torque, "sampled": SampledController}
 Law._kinds = LAWS
-SampledController._parsers = {"outer": SampledController._parse}
+SampledController._parsers = {"outer": SampledController._parse, "switch": GainSwitch._parse}
 # `Scene.law` -> what moves the fingers then, as it is written.
 WRITTEN = {
     "pid": "control=Pid(...)",
@@ -363,6 +400,5 @@ def require_known_torque(law: str, name: str) -> None:
     """Refuses a `SampledController`, whose torques depend on the run; `name` is the function."""
     if law == "sampled":
         rule = "needs the torques at a state, which depend on the run"
-        held = "replace(scene, control=Torque(), schedule=...)"
-        advice = f"{held} gives the scene between two samples"
+        advice = "replace(scene, control=Torque(), schedule=...) is the one between two samples"
         raise ValueError(f"Scene.{WRITTEN[law]}: {name} {rule}; {advice}")

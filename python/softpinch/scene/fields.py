@@ -119,6 +119,7 @@ PARAMETERS = (
     Parameter("control.measure_noise", "1"),
     Parameter("control.resolution", "1"),
     Parameter("control.dead_zone", "1"),
+    Parameter("control.switch.at", "s"),
     Parameter("schedule.times", "s"),
     Parameter("schedule.angles", "rad", (-_TURN, _TURN), axes=_FINGER),
     Parameter("schedule.move_time", "s", (1e-6, 1e5)),

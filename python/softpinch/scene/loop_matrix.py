@@ -156,9 +156,8 @@ def _held(a: Floats, b: Floats, time: float) -> tuple[Floats, Floats]:
     found = np.eye(whole)
     for k in range(_TERMS, 0, -1):
         found = np.eye(whole) + step @ found / k
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(halvings):
-            found = found @ found
+    for _ in range(halvings):
+        found = found @ found
     return found[:size, :size], found[:size, size:]
 
 
@@ -181,7 +180,7 @@ def measured(
 def growth(scene: Scene, control: SampledController) -> float:
     """The factor by which the swings of free fingers grow in one common period; 0.0: unknown.
 
-    It is unknown if blocks measure more than fingers, or there is no loop.
+    It is that of the worse gains, and unknown if blocks measure more than fingers, or have no loop.
     """
     names = {name for _, block in control.blocks() for name in block.measures}
     if not names <= _OF_FINGERS.keys() | _GIVEN or common_period(control)[0] == math.inf:
@@ -193,5 +192,6 @@ def growth(scene: Scene, control: SampledController) -> float:
     with np.errstate(all="ignore"):
         b[2:] = np.diag([1.0 / (f.mass if isinstance(f, Jaw) else f.inertia) for f in fingers])
     found = measured(control, _OF_FINGERS, np.eye(4), np.zeros((4, 2)))
-    factor = spectral_radius(control, a, b, found)
-    return 0.0 if math.isnan(factor) else factor
+    sets = {control.gains_at(-math.inf), control.gains_at(math.inf)}
+    factors = [spectral_radius(own, a, b, found) for own in sets]
+    return 0.0 if np.isnan(factors).any() else max(factors)

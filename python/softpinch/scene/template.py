@@ -166,18 +166,17 @@ class SceneTemplate:
         found = self.at(marks, 0).parameters()
         return {path: np.flatnonzero(found == mark).tolist() for path, mark in marks.items()}
 
-    def _fields(
-        self, record: Record, place: str, values: Mapping[str, Floats]
-    ) -> dict[str, Floats]:
+    def _fields(self, record: Record, place: str, values: Mapping[str, Floats]) -> dict[str, Any]:
         """Returns the fields of the record at `place` that differ between runs -> (runs, ...)."""
-        found: dict[str, Floats] = {}
+        found: dict[str, Any] = {}
         for path, value in values.items():
             if not path.startswith(f"{place}."):
                 continue
             name, *index = path.removeprefix(f"{place}.").split(".")
-            if isinstance(getattr(record, name), Record):
-                continue
-            if index:
+            if isinstance(inside := getattr(record, name), Record):
+                if not isinstance(inside, SampledController):  # it has a place of its own
+                    found[name] = found.get(name) or self._fields(inside, f"{place}.{name}", values)
+            elif index:
                 whole = np.asarray(getattr(record, name), dtype=np.float64)
                 runs = (len(value), *whole.shape)
                 whole = found.setdefault(name, np.broadcast_to(whole, runs).copy())

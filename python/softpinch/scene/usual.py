@@ -95,8 +95,7 @@ def _growing_swings(scene: Scene) -> Iterator[str]:
     if not isinstance(control, SampledController):
         return
     factor, (period, _) = growth(scene, control), common_period(control)
-    periods = scene.duration / period
-    if factor <= 1.0 or periods * math.log(factor) <= math.log(_GROWN):
+    if factor <= 1.0 or math.log(factor) * scene.duration / period <= math.log(_GROWN):
         return
     time, gain = period / math.log(factor), units("control.ki", (), jaws(scene))
     yield (

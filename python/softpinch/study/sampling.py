@@ -16,6 +16,8 @@ exactly the requested number of runs. Both samplers assign dimensions to the pat
 order of their names.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Self

@@ -6,6 +6,8 @@ distribution, and the arguments must be numbers for its parameters. Both are che
 function of SciPy is called.
 """
 
+from __future__ import annotations
+
 import inspect
 import math
 import sys

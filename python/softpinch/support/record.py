@@ -141,8 +141,8 @@ class Record(ByValue):
         printer.text(repr(self))
 
     def to_dict(self) -> dict[str, Any]:
-        """Converts to a dictionary of numbers, text, lists and dictionaries; omits None fields."""
-        return {name: plain(value) for name, value in self._values().items() if value is not None}
+        """Converts to numbers, text, lists and dictionaries; omits None and arrays of size 0."""
+        return {k: plain(x) for k, x in self._values().items() if getattr(x, "size", x is not None)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:

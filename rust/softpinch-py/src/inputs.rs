@@ -10,8 +10,8 @@ use pyo3::prelude::*;
 use crate::convert::{GivenRow, GivenRows, collected, columns, entries, raise, require, select};
 use softpinch::error::{Error, lookup};
 use softpinch::model::{
-    FINGERS, Fingers, HandMotion, Impulse, Inputs as CoreInputs, MAX_DEGREE, MEASURES, Measure, Noise,
-    PiecewisePolynomial, Place, SampledController, Sinusoid,
+    FINGERS, Fingers, GainSwitch, HandMotion, Impulse, Inputs as CoreInputs, MAX_DEGREE, MEASURES, Measure,
+    Noise, PiecewisePolynomial, Place, SampledController, Sinusoid,
 };
 
 /// Breaks (runs, m) and coefficients (runs, m + 1, channels, terms).
@@ -21,8 +21,9 @@ type NoiseTuple<'py> = (GivenRows<'py>, u64, GivenRow<'py, u64>, u64);
 
 /// Names of the measures, number of states, anti-windup and whether jitter is normal, and the numbers of each run (runs, k):
 /// period, instant of the first sample, delay of measures, delay, loss, jitter, limit of the rate, limits (4), initial torque (2), A, B, C, D,
-/// initial state, noise, resolution and dead zone.
-type BlockTuple<'py> = (Vec<String>, usize, [bool; 2], GivenRows<'py>);
+/// initial state, noise, resolution and dead zone; of a second set of gains A, B, C, D, instant and thresholds, if its
+/// measure, or an empty name, and `latched` are given.
+type BlockTuple<'py> = (Vec<String>, usize, [bool; 2], GivenRows<'py>, Option<(String, bool)>);
 /// The blocks of a cascade, seed and the runs' numbers (runs,).
 type ControllerTuple<'py> = (Vec<BlockTuple<'py>>, u64, GivenRow<'py, u64>);
 
@@ -156,14 +157,15 @@ fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<
 }
 
 fn blocks(
-    (names, states, [anti_windup, normal_jitter], rows): &BlockTuple<'_>,
+    (names, states, [anti_windup, normal_jitter], rows, switch): &BlockTuple<'_>,
     seed: u64,
 ) -> PyResult<Block> {
     let measures: Vec<Measure> = select("control.measures", names, &MEASURES)?;
     let m: usize = measures.iter().map(|measure| measure.width()).sum();
     let n = *states;
     let rows = rows.as_array();
-    let (found, width) = (rows.ncols(), 13 + (n + 2) * (n + m) + n + 3 * m);
+    let second = if switch.is_some() { (n + 2) * (n + m) + 3 } else { 0 };
+    let (found, width) = (rows.ncols(), 13 + (n + 2) * (n + m) + n + 3 * m + second);
     require(found == width, || format!("control: has {found} numbers, must have {width}"))?;
     let one = |row: ArrayView1<'_, f64>| {
         let mut rest = row.iter().skip(13).copied();
@@ -187,6 +189,15 @@ fn blocks(
             noise: take(m),
             resolution: take(m),
             dead_zone: take(m),
+            switch: switch.as_ref().map(|(name, latched)| {
+                let k = names.iter().position(|own| own == name).unwrap_or(names.len());
+                let first: usize = measures[..k].iter().map(|measure| measure.width()).sum();
+                let entries = first..first + measures.get(k).map_or(0, |measure| measure.width());
+                let gains = [n * n, n * m, 2 * n, 2 * m].map(&mut take);
+                let times = take(3);
+                let (at, above, below) = (times[0], times[1], times[2]);
+                GainSwitch { at, entries, above, below, latched: *latched, gains }
+            }),
             measures: measures.clone(),
             anti_windup: *anti_windup,
             key: [seed, 0],

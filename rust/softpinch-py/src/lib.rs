@@ -68,6 +68,7 @@ fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
         ("Fingertip", Fingertip::FIELDS.to_vec()),
         ("GraspedObject", GraspedObject::FIELDS.to_vec()),
         ("Pid", PidGains::FIELDS.to_vec()),
+        ("GainSwitch", ["at", "above", "below"].map(|name| (name, Rule::Finite)).to_vec()),
         ("Stabilization", Stabilization::FIELDS.to_vec()),
         ("Scene", scene),
     ]

@@ -23,6 +23,8 @@ pub struct ControllerState {
     under_way: Vec<[f64; 2]>,
     /// The measurements that are kept, in the same order; empty where each is used at once and none is lost.
     seen: Vec<f64>,
+    /// Whether the last output is by the second set of gains, if there is one.
+    second: Option<bool>,
 }
 
 impl ControllerState {
@@ -37,11 +39,13 @@ impl ControllerState {
             xi: controller.initial_state.clone(),
             under_way: vec![[0.0; 2]; controller.under_way(controller.delay)],
             seen: vec![0.0; controller.kept() * controller.inputs()],
+            second: controller.switch.as_ref().map(|_| false),
         }
     }
 
     /// The state as numbers: origin, the numbers of samples that have been taken and that have acted, the torques in
-    /// force, xi, and the outputs under way; then, if measurements are kept, the number of those used, and them.
+    /// force, xi, and the outputs under way; then, if measurements are kept, the number of those used, and them; and 1 if
+    /// the last output is by a second set of gains, else 0.
     pub fn row(&self) -> impl Iterator<Item = f64> + '_ {
         [self.origin, self.taken as f64, self.acted as f64, self.torque[0], self.torque[1]]
             .into_iter()
@@ -49,6 +53,7 @@ impl ControllerState {
             .chain(self.under_way.as_flattened().iter().copied())
             .chain((!self.seen.is_empty()).then_some(self.used as f64))
             .chain(self.seen.iter().copied())
+            .chain(self.second.map(f64::from))
     }
 
     pub fn is_finite(&self) -> bool {
@@ -60,6 +65,8 @@ impl ControllerState {
     pub fn from_row(controller: &SampledController, row: &[f64]) -> Result<Self> {
         let refused = |rule| Error::shape(FIELD, format_args!("{} numbers", row.len()), rule);
         require_length(row, controller.own_width())?;
+        let (row, flag) = row.split_at(row.len() - usize::from(controller.switch.is_some()));
+        let second = flag.first().map(|&flag| flag != 0.0);
         let (head, rest) = row.split_at(5);
         let (xi, rest) = rest.split_at(controller.states());
         let (under_way, kept) = rest.split_at(2 * controller.under_way(controller.delay));
@@ -90,6 +97,7 @@ impl ControllerState {
             xi: xi.to_vec(),
             under_way: pairs.to_vec(),
             seen: seen.to_vec(),
+            second,
         })
     }
 
@@ -99,14 +107,14 @@ impl ControllerState {
         kept.xi.clone_from(&self.xi);
         kept.output = self.under_way[place(self.used, self.under_way.len())];
         kept.seen.clone_from(&self.seen);
+        kept.second = self.second;
     }
 
     /// The state before one sample at most.
     pub fn before(&self, kept: &Kept) -> Self {
-        let Kept { taken, used, acted, torque, output, ref xi, ref seen } = *kept;
-        let (origin, under_way) = (self.origin, self.under_way.clone());
-        let mut before =
-            Self { origin, taken, used, acted, torque, xi: xi.clone(), under_way, seen: seen.clone() };
+        let Kept { taken, used, acted, torque, output, second, ref xi, ref seen } = *kept;
+        let (origin, under_way, xi, seen) = (self.origin, self.under_way.clone(), xi.clone(), seen.clone());
+        let mut before = Self { origin, taken, used, acted, torque, xi, under_way, seen, second };
         before.under_way[place(used, self.under_way.len())] = output;
         before
     }
@@ -174,9 +182,12 @@ impl ControllerState {
 
     /// Computes the next output from the measurements in `scratch`, which is overwritten.
     fn compute(&mut self, controller: &SampledController, known: &Known, scratch: &mut Scratch) {
-        let SampledController { a, b, c, d, limits, anti_windup, .. } = controller;
+        let SampledController { limits, anti_windup, .. } = controller;
         let Scratch { measured: y, next } = scratch;
         complete(controller, known, y);
+        let mut second = self.second.unwrap_or(false);
+        let [a, b, c, d] = controller.gains(self.origin, self.used, y, &mut second);
+        self.second = self.second.map(|_| second);
         let (n, m, xi) = (self.xi.len(), y.len(), &self.xi);
         // Not fused: outside of vector code a fused multiply-add is a call of a function.
         let row = |matrix: &[f64], row: usize, vector: &[f64]| -> f64 {
@@ -222,6 +233,7 @@ pub struct Kept {
     /// The output under way whose place the sample takes.
     output: [f64; 2],
     seen: Vec<f64>,
+    second: Option<bool>,
 }
 
 /// Room for the numbers of one sample.

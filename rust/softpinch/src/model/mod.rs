@@ -52,7 +52,7 @@ pub use parameters::{
 pub use piecewise::PiecewisePolynomial;
 pub(crate) use rates::fastest_rate;
 pub use rule::Rule;
-pub use sampled::{Place, SampledController};
+pub use sampled::{GainSwitch, Place, SampledController};
 pub use scene::Scene;
 pub(crate) use source::{Constants, DIRECTIONS, Source, VariedParameters};
 pub use start::{STARTS, Start, State, relaxed};

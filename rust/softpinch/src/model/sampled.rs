@@ -7,6 +7,7 @@
 //!
 //! v_k is computed at t_k + measure_delay and acts `delay` later. With delays above a period several v are under way.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::error::{Error, Result, brief, require, require_at_most};
@@ -65,12 +66,31 @@ pub struct SampledController {
     pub resolution: Vec<f64>,
     /// Half the width of each measured number's dead zone, (m,).
     pub dead_zone: Vec<f64>,
+    /// A second set of gains.
+    pub switch: Option<GainSwitch>,
     /// Seed, and number of the run.
     pub key: [u64; 2],
     /// The block before this one in a cascade.
     pub outer: Option<Arc<SampledController>>,
     /// What [`cascade`](Self::cascade) finds.
     pub place: Place,
+}
+
+/// A second set of gains, of the sizes of the first one, and when it acts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GainSwitch {
+    /// The instant from which on it acts, s, or infinity.
+    pub at: f64,
+    /// The numbers of y that decide.
+    pub entries: Range<usize>,
+    /// It acts if one of them is above this threshold,
+    pub above: f64,
+    /// or below this one.
+    pub below: f64,
+    /// Whether it stays once it acts.
+    pub latched: bool,
+    /// A, B, C and D.
+    pub gains: [Vec<f64>; 4],
 }
 
 /// The place of a block in its cascade, and its instants after a sample.
@@ -151,6 +171,10 @@ impl SampledController {
             return Err(Error::shape(format_args!("{control}.{name}"), found, "must be at most 10 000"));
         }
         let (n, m) = (self.states(), self.inputs());
+        let second = self.switch.as_ref().map(|GainSwitch { gains: [a, b, c, d], .. }| {
+            [("switch.A", a, n * n), ("switch.B", b, n * m), ("switch.C", c, 2 * n), ("switch.D", d, 2 * m)]
+        });
+        let second = second.into_iter().flatten().map(|(name, own, size)| (name, own, size, Rule::Finite));
         for (field, values, length, rule) in [
             ("A", &self.a, n * n, Rule::Finite),
             ("B", &self.b, n * m, Rule::Finite),
@@ -160,7 +184,10 @@ impl SampledController {
             ("measure_noise", &self.noise, m, Rule::NonNegative),
             ("resolution", &self.resolution, m, Rule::NonNegative),
             ("dead_zone", &self.dead_zone, m, Rule::NonNegative),
-        ] {
+        ]
+        .into_iter()
+        .chain(second)
+        {
             let field = format_args!("{control}.{field}");
             if values.len() != length {
                 let found = format!("{} numbers", values.len());
@@ -231,6 +258,21 @@ impl SampledController {
 
     pub(super) fn used(&self, origin: f64, number: u64) -> f64 {
         self.later(origin, number, self.place.used)
+    }
+
+    /// The first or the second set of A, B, C and D, for the measurements y of a sample; `second` says which of them
+    /// the sample before had.
+    pub(super) fn gains(&self, origin: f64, number: u64, y: &[f64], second: &mut bool) -> [&Vec<f64>; 4] {
+        if let Some(GainSwitch { at, entries, above, below, latched, gains }) = &self.switch {
+            let crosses = y[entries.clone()].iter().any(|value| value > above || value < below);
+            // At an instant that is that of the sample but for round-off, too.
+            let late = self.used(origin, number) + SAME * self.period >= *at;
+            *second = late || crosses || (*latched && *second);
+            if *second {
+                return gains.each_ref();
+            }
+        }
+        [&self.a, &self.b, &self.c, &self.d]
     }
 
     /// The instant from which a sample's torques act.
@@ -307,7 +349,8 @@ impl SampledController {
     /// The length of the row of the state of this block.
     pub fn own_width(&self) -> usize {
         let kept = self.kept();
-        5 + self.states() + 2 * self.under_way(self.delay) + usize::from(kept > 0) + kept * self.inputs()
+        let flags = usize::from(kept > 0) + usize::from(self.switch.is_some());
+        5 + self.states() + 2 * self.under_way(self.delay) + kept * self.inputs() + flags
     }
 
     /// The length of the rows of all blocks.

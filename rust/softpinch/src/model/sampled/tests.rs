@@ -26,6 +26,7 @@ pub(crate) fn spring(period: f64, delay: f64) -> SampledController {
         noise: vec![0.0; 4],
         resolution: vec![0.0; 4],
         dead_zone: vec![0.0; 4],
+        switch: None,
         key: [0; 2],
         outer: None,
         place: Place::default(),
