@@ -18,17 +18,8 @@ from .schedule import Schedule
 from .stabilization import Stabilization
 from .template import SceneTemplate as SceneTemplate
 
-__all__ = ["Arc", "Disturbance", "Face", "Finger", "Fingertip", "GainSwitch"]
-__all__ += [
-    "GraspedObject",
-    "Hand",
-    "HandMotion",
-    "Impulse",
-    "Jaw",
-    "Maxwell",
-    "MeasuredLaw",
-    "Noise",
-    "ParallelSprings",
-]
-__all__ += ["Parallelogram", "Pid", "PowerLaw", "Pulse", "Sampled", "SampledController", "Scene"]
-__all__ += ["Schedule", "Sine", "Stabilization", "State", "Step", "Torque"]
+__all__ = ["Arc", "Disturbance", "Face", "Finger", "Fingertip", "GainSwitch", "GraspedObject"]
+__all__ += ["Hand", "HandMotion", "Impulse", "Jaw", "Maxwell", "MeasuredLaw", "Noise"]
+__all__ += ["ParallelSprings", "Parallelogram", "Pid", "PowerLaw", "Pulse", "Sampled"]
+__all__ += ["SampledController", "Scene", "Schedule", "Sine", "Stabilization", "State", "Step"]
+__all__ += ["Torque"]
