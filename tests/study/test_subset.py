@@ -104,6 +104,17 @@ def test_few_runs_with_two_ways_cover(method: str, runs: int) -> None:
     assert np.mean(covered) > 0.95 - 3.0 * math.sqrt(0.95 * 0.05 / 100)
 
 
+def test_many_numbers_with_many_ways_are_not_drawn_towards_the_medians() -> None:
+    """One of 50 sums of 20 numbers is large; chains of widths from their own points gave half."""
+
+    def distance(u: np.ndarray) -> np.ndarray:
+        return 5.0 - np.abs(u.reshape(-1, 50, 20).sum(axis=2)).max(axis=1) / math.sqrt(20)
+
+    values = np.array([subset(distance, 1000, seed, 500).probability for seed in range(20)])
+    probability = -math.expm1(50 * math.log1p(-2.0 * BELOW(-5.0)))
+    assert abs(values.mean() - probability) < 4.0 * values.std(ddof=1) / math.sqrt(20)
+
+
 def test_levels_that_do_not_reach_the_event_leave_the_first_estimate() -> None:
     """The second levels are planned for a likely event, and then stand before a wall."""
     calls = []

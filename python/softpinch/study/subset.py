@@ -201,12 +201,12 @@ def subset_simulation(
             seeds = np.resize(rng.permutation(np.flatnonzero(inside)), chains)
             u, value, ancestors = points[seeds], values[seeds], np.tile(ancestors[seeds], length)
             steps, accepted = [(u, value)], []
-            # Few points are no measure of a level's width.
-            spread = result.points.std(axis=0) if len(result.points) > LENGTH else 1.0
             for k in range(1, length):
-                sigma = np.minimum(1.0, scale * spread)
+                # One width for all numbers: each number's spread over the points inside depends on
+                # the chains' own first points, which draws these towards the medians.
+                sigma = min(1.0, scale)
                 fresh = rng.standard_normal(u.shape)
-                trial = np.sqrt(1.0 - sigma**2) * u + sigma * fresh
+                trial = math.sqrt(1.0 - sigma**2) * u + sigma * fresh
                 if times is not None:
                     cut = rng.choice(times[np.isfinite(times)], (chains, 1))
                     cut = np.where(rng.random((chains, 1)) < 0.5, cut, np.inf)
