@@ -1,10 +1,13 @@
 """Today's simulators on the reference problems: error and creep over run time.
 
 make bench-reference
+
+The part "chart" draws the points of the last whole run again, from results/reports.
 """
 
+import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +22,11 @@ from machine import describe, without_mujoco
 from peers_contact import equations, grips
 from peers_contact.grips import Grip, Held
 
-PARTS = ("equations", "grips")
+MEASURED = ("equations", "grips")
+PARTS = (*MEASURED, "chart")
+PEERS = ("Siconos", "MuJoCo", "Drake")
+# Columns of the points: of an error, or of creep in m, and processor time in s.
+POINTS = ("part", "problem", "name", "step", "value", "lost", "seconds")
 LEVELS = (1e-2, 1e-4, 1e-6, 1e-8)
 REPEATS = 15
 # softpinch on the problems with jaws: what a user would take.
@@ -72,7 +79,16 @@ def on_equations(quick: bool, missing: Mapping[str, str]) -> list[Rungs]:
     return found
 
 
-def equations_table(found: list[Rungs]) -> str:
+def absent(names: Sequence[str], missing: Mapping[str, str], cells: int) -> list[str]:
+    """Rows that say which of these could not be measured."""
+    return [
+        f"| {name}: could not be installed where this was measured |{' - |' * cells}"
+        for name in names
+        if name in missing
+    ]
+
+
+def equations_table(found: list[Rungs], missing: Mapping[str, str]) -> str:
     lines = [
         "| problem | solver | "
         + " | ".join(f"{level:.0e}" for level in LEVELS)
@@ -85,7 +101,7 @@ def equations_table(found: list[Rungs]) -> str:
         lines.append(
             f"| {each.problem} | {each.solver} | {' | '.join(cells)} | {min(each.errors):.0e} |"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *absent(PEERS[:1], missing, len(LEVELS) + 2)])
 
 
 def ours(name: str, options: dict[str, Any], grip: Grip, repeats: int) -> Held:
@@ -155,10 +171,19 @@ def cell(held: Held) -> str:
     return "0" if creep < 1e-9 else f"{creep:.2g}"
 
 
-def grips_table(rows: list[GripRow], problems: list[str]) -> str:
+def solved(problem: str) -> Held:
+    """What the solution of a problem says."""
+    answer = equations.score.solution(problem)[0]["answer"]
+    lost = answer["end"] if answer["status"] == "lost" else None
+    return Held(1e-3 * answer.get("creep_mm", math.nan), lost, 0.0)
+
+
+def grips_table(rows: list[GripRow], problems: list[str], missing: Mapping[str, str]) -> str:
+    exact = " | ".join(cell(solved(name)) for name in problems)
     lines = [
         "| simulator | " + " | ".join(problems) + " | time of 02, s | time of 03, s |",
         "|---|" + "---:|" * (len(problems) + 2),
+        f"| **the solution** | {exact} | | |",
     ]
     for row in rows:
         if row.step == 0:
@@ -168,7 +193,7 @@ def grips_table(rows: list[GripRow], problems: list[str]) -> str:
                 whole = held is not None and held.lost is None
                 cells.append(f"{held.spent:.2g}" if held is not None and whole else "-")
             lines.append(f"| {row.name} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    return "\n".join([*lines, *absent(PEERS, missing, len(problems) + 2)])
 
 
 def _best(rows: list[GripRow], name: str, problem: str) -> GripRow:
@@ -181,10 +206,9 @@ def _best(rows: list[GripRow], name: str, problem: str) -> GripRow:
 def message(rows: list[GripRow]) -> str:
     """What the numbers say of the problems with jaws."""
     problem, lines = "03-held", []
-    for name in ("MuJoCo", "Drake"):
+    for name in PEERS[1:]:
         of = [row for row in rows if row.name.startswith(name) and row.step == 0]
         if not of:
-            lines.append(f"- **{name}** was not measured: not installed.")
             continue
         best = _best(rows, name, problem)
         wrong = sum(row.held[problem].lost is not None for row in of)
@@ -192,10 +216,11 @@ def message(rows: list[GripRow]) -> str:
         quick = min(row.held[problem].spent for row in of if row.held[problem].lost is None)
         kept = best.held[problem]
         lines.append(
-            f"- **{name}** in {len(of)} settings: {wrong} lose the cube of 03-held, which friction "
-            f"holds; {held} still have that of 04-lost after 2 s. The least creep in the 18 s of "
-            f"03-held is {1e3 * kept.creep:.2g} mm, by {best.name.removeprefix(name).strip(', ')}, "
-            f"in {kept.spent:.2g} s; the shortest time of those that hold is {quick:.2g} s."
+            f"- **{name}** in {len(of)} settings: the cube of 03-held, which friction holds, is "
+            f"lost in {wrong}, and that of 04-lost is still there after 2 s in {held}. The least "
+            f"creep in the 18 s of 03-held is {1e3 * kept.creep:.2g} mm, by "
+            f"{best.name.removeprefix(name).strip(', ')}, in {kept.spent:.2g} s; the shortest time "
+            f"of those that hold is {quick:.2g} s."
         )
     for row in rows:
         if row.name.startswith("Siconos"):
@@ -209,12 +234,46 @@ def message(rows: list[GripRow]) -> str:
         f"{row.held[problem].spent:.2g} s ({row.name.partition(', ')[2]})" for row in mine
     )
     worst = max(1e3 * row.held[problem].creep for row in mine)
+    named = {row.name.partition(",")[0].split()[0] for row in rows}
+    lines += [f"- **{name}** could not be installed." for name in PEERS if name not in named]
     lines.append(f"- **softpinch** takes {times}; its largest creep there is {worst:.1g} mm.")
     return "\n".join(lines)
 
 
 STYLES = {"softpinch": ("tab:blue", "o"), "Siconos": ("tab:green", "s"),
           "MuJoCo": ("tab:red", "^"), "Drake": ("tab:purple", "D")}  # fmt: skip
+
+
+def store(path: Path, found: list[Rungs], rows: list[GripRow]) -> None:
+    """Writes the points of the chart."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(POINTS)
+        for each in found:
+            for error, seconds in zip(each.errors, each.times, strict=True):
+                writer.writerow(["equations", each.problem, each.solver, 0, error, "", seconds])
+        for row in rows:
+            for problem, held in row.held.items():
+                lost = "" if held.lost is None else held.lost
+                point = [held.creep, lost, held.spent]
+                writer.writerow(["grips", problem, row.name, row.step, *point])
+
+
+def stored(path: Path) -> tuple[list[Rungs], list[GripRow]]:
+    """What `store` has written."""
+    rungs: dict[tuple[str, str], Rungs] = {}
+    rows: dict[tuple[str, int], GripRow] = {}
+    with path.open(encoding="utf-8", newline="") as file:
+        for part, problem, name, step, value, lost, seconds in list(csv.reader(file))[1:]:
+            if part == "equations":
+                done = rungs.setdefault((problem, name), Rungs(name, problem))
+                done.errors.append(float(value))
+                done.times.append(float(seconds))
+            else:
+                row = rows.setdefault((name, int(step)), GripRow(name, int(step), {}))
+                when = float(lost) if lost else None
+                row.held[problem] = Held(float(value), when, float(seconds))
+    return list(rungs.values()), list(rows.values())
 
 
 def chart(path: Path, found: list[Rungs], rows: list[GripRow]) -> None:
@@ -237,7 +296,9 @@ def chart(path: Path, found: list[Rungs], rows: list[GripRow]) -> None:
         axis.set_title(problem)
         axis.set_xlabel("processor time, s")
     axes[0, 0].set_ylabel("error of q and p at the end")
-    axes[0, 0].legend(fontsize=7, loc="lower right", bbox_to_anchor=(1.0, 0.25))
+    # Outside, where no curve is.
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=8, ncols=5,
+                  loc="outside upper center")  # fmt: skip
     for axis, problem in zip(axes[1], CHARTED, strict=True):
         for name, (colour, marker) in STYLES.items():
             held = [
@@ -257,8 +318,11 @@ def chart(path: Path, found: list[Rungs], rows: list[GripRow]) -> None:
         axis.set_title(problem)
         axis.set_xlabel("processor time, s")
     axes[1, 0].set_ylabel(f"creep, mm (points at {FLOOR:.0e}: less)")
-    if axes[1, 0].has_data():
-        axes[1, 0].legend(fontsize=8)
+    kinds = {label: handle for axis in axes[1]
+             for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}  # fmt: skip
+    if kinds:
+        figure.legend(list(kinds.values()), list(kinds), fontsize=8, ncols=len(kinds),
+                      loc="outside lower center")  # fmt: skip
     for axis in axes.flat:
         axis.grid(alpha=0.3)
     figure.savefig(path, dpi=160)
@@ -273,20 +337,27 @@ def main() -> None:
     }  # fmt: skip
     libraries = [name for name in ("mujoco", "drake") if name not in map(str.lower, missing)]
     machine = describe(libraries=libraries, missing=missing)
+    if "Siconos" not in missing:
+        machine += f"\n           siconos {equations.siconos_version()}"
     print(machine)
     found, rows, texts = [], [], {}
     if "equations" in parts:
         found = on_equations(quick, missing)
-        texts["reference equations"] = equations_table(found)
+        texts["reference equations"] = equations_table(found, missing)
     if "grips" in parts:
         rows = on_grips(quick, missing)
-        texts["reference grips"] = grips_table(rows, list(rows[0].held))
+        texts["reference grips"] = grips_table(rows, list(rows[0].held), missing)
         if not quick:
             texts["reference message"] = message(rows)
-    if len(parts) == len(PARTS):
-        texts["reference machine"] = f"```text\n{machine}\n```"
-        with document.folders(quick) as (figures, _):
-            chart(figures / "reference_problems.png", found, rows)
+    with document.folders(quick) as (figures, data):
+        points = data / "reference_problems.csv"
+        if found and rows:
+            texts["reference machine"] = f"```text\n{machine}\n```"
+            store(points, found, rows)
+        if "chart" in parts:
+            if not points.is_file():
+                raise SystemExit(f"{points}: there is none yet; measure all parts first")
+            chart(figures / "reference_problems.png", *stored(points))
     for name, text in texts.items():
         if machine not in text:
             print(f"\n{name}\n{text}")

@@ -139,7 +139,8 @@ def differences(exact: Floats, other: Floats, sized_by: Floats) -> dict[str, flo
             off = np.abs(exact[:, columns] - other[:, columns])
             if not np.isnan(off).all():
                 size = max(float(np.abs(sized_by[:, columns]).max()), least)
-                worst = np.fmax(worst, np.nanmax(off) / size)
+                with np.errstate(over="ignore"):
+                    worst = np.fmax(worst, np.nanmax(off) / size)
         if not math.isnan(worst):
             found[name] = float(worst)
     return found

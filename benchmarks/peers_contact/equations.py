@@ -8,6 +8,7 @@ includes theirs.
 from __future__ import annotations
 
 import math
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -63,6 +64,15 @@ def without_siconos() -> dict[str, str]:
     except ImportError:
         return {"Siconos": "not installed"}
     return {} if moreau_jean.interpreter() else {"Siconos": "not installed"}
+
+
+def siconos_version() -> str:
+    """Of Debian's package, which `without_siconos` has found."""
+    asked = ["dpkg-query", "--showformat", "${Version}", "--show", "python3-siconos"]
+    try:
+        return subprocess.run(asked, capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return "of another source than Debian's package"
 
 
 def scene(name: str) -> sp.Scene:

@@ -80,6 +80,7 @@ class ContactSystem:
         driven: Whether the fingers are.
         rtol: Relative tolerance of the method.
         states: How many there are.
+        implicit: Whether the method is, for long rests.
     """
 
     rtol = 1e-11
@@ -99,7 +100,7 @@ class ContactSystem:
 
         `length` is the size of lengths, for the absolute tolerance; `method` is one of SciPy's.
         """
-        self._method, self._implicit = getattr(scipy.integrate, method), method == "Radau"
+        self._method, self.implicit = getattr(scipy.integrate, method), method == "Radau"
         self.mechanics, self.friction = mechanics, friction
         self.inverse = 1 / mechanics.masses
         self.driven = driven
@@ -114,11 +115,11 @@ class ContactSystem:
         self._inner = [k for k in range(self.states) if not 20 <= k < STATES]
         self._increments = 1e-7 * sizes
         tolerances = 0.01 * self.rtol * sizes
-        if self._implicit:
+        if self.implicit:
             # At rest Newton's iterations see no more than the rounding of what is stiff.
             tolerances *= 1e2
             tolerances[9:18] *= 1e2
-        longest = math.inf if self._implicit else _MAX_STEP
+        longest = math.inf if self.implicit else _MAX_STEP
         self._options = {"rtol": self.rtol, "atol": tolerances, "max_step": longest}
 
     def at(
@@ -224,7 +225,7 @@ class ContactSystem:
                 found[:, k] = (slope(t, moved) - base) / self._increments[k]
             return found
 
-        options = {"jac": jacobian, **self._options} if self._implicit else self._options
+        options = {"jac": jacobian, **self._options} if self.implicit else self._options
 
         def solver(t: float, y: Floats, bound: float, first: float | None) -> Any:
             return self._method(slope, t, y, bound, first_step=first, **options)

@@ -154,10 +154,8 @@ class Walk:
                     self._advance(stop)
                 if not self.status and stop < right:
                     rows[stop] = self._row(self.y)
-                    # Long rests would drift off the constraints.
-                    terms = self._terms()
-                    for i, mode in enumerate(self.contact.modes):
-                        self._enter(i, mode, mode, mode != FREE, terms)
+                    if self.system.implicit:
+                        self._onto_constraints()
             if self.status:
                 break
         else:
@@ -210,6 +208,12 @@ class Walk:
             if not events:
                 return
             self._handle(events)
+
+    def _onto_constraints(self) -> None:
+        """Undoes the drift of a long rest."""
+        terms = self._terms()
+        for i, mode in enumerate(self.contact.modes):
+            self._enter(i, mode, mode, mode != FREE, terms)
 
     # Events
 

@@ -4,6 +4,7 @@ import ast
 import csv
 import math
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -260,6 +261,16 @@ def test_creep_is_reported_in_millimetres(
 
     _, out, _ = printed(capsys, answer(tmp_path, REST, sinking))
     assert "creep 0.099 mm, should be 0 mm" in out
+
+
+def test_a_value_that_is_far_off_fails_in_plain_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        status, out, err = printed(capsys, answer(tmp_path, SLIP, shifted("y", 1e308)))
+    assert (status, err) == (1, "")
+    assert "FAILS: an error above 0.01, of q" in out
 
 
 def test_what_is_not_reported_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
