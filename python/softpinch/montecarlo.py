@@ -161,8 +161,8 @@ def monte_carlo(
             the tolerance), for the errors in `Ensemble.discretisation`.
         gradients: Summaries whose derivatives are computed too, after the runs, in
             `Ensemble.gradients`: "final_state", "peak_rotation", "min_compression",
-            "peak_friction_angle", "peak_friction_ratio", "peak_torque". For bilateral contact
-            without a `SampledController`. Ctrl-C then returns the ensemble without them.
+            "peak_friction_angle", "peak_friction_ratio", "peak_torque", "margin". Not with a
+            `SampledController`. Ctrl-C then returns the ensemble without them.
         sensitivities: The paths by which `gradients` differentiates, as for `simulate`; those of
             `vary` if left out. They need not vary between runs.
         stop_when: Status, violation or "holds" -> half width. Stops at the end of the first block

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import softpinch as sp
+from unilateral_scenes import regripped
 
 jax = pytest.importorskip("jax", reason="the extra jax is not installed")
 
@@ -187,6 +188,39 @@ def test_only_what_moves_is_derived(monkeypatch: pytest.MonkeyPatch) -> None:
         values()[PATHS[2]]
     )
     assert asked == [(PATHS[2],)] and jacobian.shape == (9, 9, 2, 2)  # one call, not one a column
+
+
+@pytest.mark.parametrize("last", [True, False])
+def test_derivatives_go_on_through_the_events_of_contacts(last: bool) -> None:
+    scene, paths = regripped(), ("friction", "hand.tip.right.youngs_modulus")
+    how: dict[str, Any] = {"dt": 2e-4}
+    layer = (
+        layers.final_state(scene, paths, **how) if last else layers.simulate(scene, paths, **how)
+    )
+
+    def of(given: Any) -> Any:
+        run = layer({paths[0]: given[0], paths[1]: 3e5 * given[1]})
+        return jnp.sum((1e2 * run.q) ** 2) + jnp.sum(jnp.sin(run.p))
+
+    run = sp.simulate(scene, **how)
+    assert {change.after.name for change in run.contact_changes} >= {"FREE", "SLIP", "STICK"}
+    check: Any = check_grads
+    check(of, (jnp.array([0.5, 1.1]),), order=1, modes=("fwd", "rev"), eps=1e-6, rtol=1e-5)
+    slopes = jax.vmap(jax.grad(of))(jnp.array([[0.5, 1.1], [0.52, 0.9]]))
+    assert near(slopes[0], jax.grad(of)(jnp.array([0.5, 1.1])), 1e-12)
+    assert np.isfinite(slopes).all() and np.abs(slopes).min() > 0.0
+
+
+def test_what_has_no_derivative_is_nan_with_the_reason() -> None:
+    scene = sp.Scene(contact="unilateral", friction=0.01, duration=0.02)
+    layer = layers.simulate(scene, "friction", dt=1e-3)
+    given = {"friction": jnp.array(0.01)}
+    with pytest.warns(sp.StabilityWarning, match="an event coincides with another one"):
+        out, dots = jax.jvp(layer, (given,), ({"friction": jnp.array(1.0)},))
+    known = np.isfinite(dots.q).all(axis=1)
+    assert np.isfinite(out.q).all() and known[0] and not known[-1]
+    with pytest.warns(sp.StabilityWarning, match="an event coincides with another one"):
+        assert np.isnan(jax.grad(lambda mu: layer({"friction": mu}).q[-1, 1])(0.01))
 
 
 def test_a_run_that_ends_early_is_filled_up() -> None:

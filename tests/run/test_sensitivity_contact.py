@@ -174,6 +174,19 @@ def test_steps_of_free_length_have_the_derivatives_of_the_motion() -> None:
             np.testing.assert_allclose(one.sensitivity[path], other.sensitivity[path], rtol=1e-5)
 
 
+def test_an_event_at_the_start_but_for_round_off_is_one() -> None:
+    """A tip that just touches is relaxed after 5e-18 s, too short a step to choose modes by."""
+    scene, path = random_pinch(np.random.default_rng(70020), "unilateral", 0.04), "friction"
+    how: dict[str, Any] = {"sensitivities": path, "method": "dop853", "formulation": "projected"}
+    free, fine = sp.simulate(scene, tolerance=1e-12, **how), sp.simulate(scene, dt=2e-5, **how)
+    assert 0.0 < free.t[1] < 1e-15 and changes(free) == changes(fine)
+    ours, theirs = (
+        np.array([change.sensitivity[path] for change in run.contact_changes])
+        for run in (free, fine)
+    )
+    np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-12)
+
+
 def test_a_row_inside_a_step_is_that_of_a_step_that_ends_there() -> None:
     scene, path = regripped(), "friction"
     whole = sp.simulate(scene, dt=1e-4, sensitivities=path)

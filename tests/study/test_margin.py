@@ -188,11 +188,6 @@ def test_an_endless_face_has_no_end_to_which_a_distance_could_count() -> None:
             assert found["margin"][0] == pytest.approx(by_force, rel=1e-12)
 
 
-def test_a_margin_has_no_derivative() -> None:
-    with pytest.raises(ValueError, match="margin"):
-        study(sp.Scene(duration=0.01), 2, vary={"gravity": [9.0, 9.8]}, gradients="margin")
-
-
 def test_a_margin_goes_through_zero_with_what_loses_the_grasp() -> None:
     """The motion of bilateral contact does not depend on friction, so only the cone moves."""
     scene = replace(paper.disturbance("ii", duration=1.06), friction=1.0)

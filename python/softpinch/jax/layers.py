@@ -100,7 +100,8 @@ def simulate(
     in forward mode: the time grows with the number of varied numbers that JAX derives by. There are
     no second derivatives. They hold at fixed instants, although the rows around a switch that a
     value moves (such as "disturbances.0.time") move with it: use the last row there, or
-    `final_state`. `vmap` makes one call for a batch, which computes one run after another.
+    `final_state`. After an event that ends them they are NaN, and so is a gradient with such rows
+    in its sum. `vmap` makes one call for a batch, which computes one run after another.
 
     Args:
         vary: Dotted paths of the numbers that are arguments, as in `sp.monte_carlo`. The number of

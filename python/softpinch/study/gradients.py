@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -23,6 +25,8 @@ from .spec import StudySpec
 
 GRADIENTS = ("final_state", *_core.GRADIENTS)
 _STATE = 18
+# The numbers in a reason, and the words around it.
+_WHERE = re.compile(r"^sensitivities: (at t = \S+ s )?| before t = \S+ s|, (so|the corr)[^:]*")
 # Runs that are computed in one call, between which there is time for Ctrl-C in a slow one.
 _BLOCK = 1024
 
@@ -32,9 +36,10 @@ class Gradients(Shown, Mapping[str, Mapping[str, Floats]]):
 
     The last axes are those of the value at the path; "final_state" has 18 columns before them, q
     and p. They are the derivatives of the numbers that the runs computed, as in `Sensitivity`, at
-    the instant of each run's own peak or end. A run that ended early has those at its end. NaN
-    marks a summary that is not finite or saw no instant, and a run whose equations were not solved
-    again.
+    the instant of each run's own peak or end. A run that ended early has those at its end, but none
+    of its margin, and none at all in unilateral contact, where the end is at an event. NaN marks
+    them, a summary that is not finite or saw no instant, what comes after an event of a contact
+    without a derivative, and a run whose equations were not solved again.
     """
 
     def __init__(self, summaries: tuple[str, ...], shapes: Shapes, whole: Floats) -> None:
@@ -106,7 +111,10 @@ def differentiated(
     # Directions of the inputs depend on each run's own inputs.
     differ = any(path.split(".")[0] in ("schedule", "disturbances", "motion") for path in paths)
     shared = [] if differ else [along(spec.scene)]
-    parts, failed = [], 0
+    # The columns that jump where a run begins to end early.
+    events = spec.scene.contact == "unilateral"
+    jumping = np.array([events] * _STATE + [events or name == "margin" for name in wanted])
+    parts, failed = [], Counter[str]()
     for first in range(0, len(rows), _BLOCK):
         some = rows.select(np.arange(first, min(first + _BLOCK, len(rows))))
         values = spec.values(some)
@@ -116,11 +124,14 @@ def differentiated(
         ]
         until = some.columns["end_time"]
         found, lost = _core.gradients(spec.batch(some), own, until, wanted, threads)
-        parts.append(found)
-        failed += len(lost)
+        early = (some.columns["status"] != "completed")[:, None, None] & jumping
+        parts.append(np.where(early, np.nan, found))
+        ended = np.flatnonzero(early.any(axis=(1, 2))).tolist()
+        reasons = dict(lost) | dict.fromkeys(ended, "the run ends early")
+        failed.update(_WHERE.sub("", why) for why in reasons.values())
     if failed:
-        what = f"{failed} of {len(rows)} runs could not be followed to their ends"
-        advice = "their gradients are NaN; a smaller dt or tolerance may help"
-        warn(f"{what}: {advice}", StabilityWarning)
+        many = f"{failed.total()} of {len(rows)} runs have NaN among their gradients"
+        counts = "; ".join(f"{why} ({count})" for why, count in failed.most_common())
+        warn(f"{many}: {counts}", StabilityWarning)
     none = np.zeros((0, directions.count(by), _STATE + len(wanted)))
     return Gradients(summaries, by, np.concatenate([none, *parts]))

@@ -14,7 +14,7 @@ use softpinch::driver::{
 };
 use softpinch::error::lookup;
 use softpinch::model::{Motion, PARAMETER_COUNT, STARTS, Start};
-use softpinch::stepping::{SUMMARIES, Summary};
+use softpinch::stepping::{Options, SUMMARIES, Summary};
 
 /// Derivatives with three axes.
 type Numbers<'py> = Bound<'py, PyArray<f64, Ix3>>;
@@ -110,6 +110,7 @@ pub fn gradients<'py>(
 ) -> PyResult<(Numbers<'py>, Vec<(usize, String)>)> {
     let until = entries("until, in numbers,", &until)?;
     let &Batch { runs, ref options, .. } = batch;
+    let options = &Options { guard: false, ..options.clone() }; // The runs have been guarded.
     require(until.len() == runs, || "until: must have one time for each run".to_owned())?;
     let summaries: Vec<Summary> = select("gradients", &summaries, &SUMMARIES)?;
     let own: Vec<&Directions> = directions.iter().map(Py::get).collect();

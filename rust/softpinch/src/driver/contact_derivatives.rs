@@ -29,6 +29,7 @@ const COINCIDES: &str = "an event coincides with another one or with a breakpoin
 pub struct Stepper<R> {
     pub method: RunDualMethod<R>,
     pub contact: Option<ContactDerivatives<R>>,
+    pub limits: Limits<RunDual<R>>,
 }
 
 pub struct ContactDerivatives<R> {
@@ -74,14 +75,14 @@ impl<R: Lanes> Stepper<R> {
         &Request { options, scene, .. }: &Request<'_>,
         (source, count): (&VariedParameters<'_>, usize),
     ) -> Result<Self> {
-        let mut contact = None;
+        let (mut contact, limits) = (None, Limits::new(source));
         if options.contact == ContactModel::Unilateral {
             let mut lane = LaneContact::new(options, scene);
             lane.restart(options, scene)?;
             let passed = Passed { between: [0.0; 2], changes: Vec::new(), lost: vec![None; count] };
-            contact = Some(ContactDerivatives { lane, limits: Limits::new(source), passed });
+            contact = Some(ContactDerivatives { lane, limits, passed });
         }
-        Ok(Self { method: RunDualMethod::new(runs, options.method), contact })
+        Ok(Self { method: RunDualMethod::new(runs, options.method), contact, limits })
     }
 
     /// Why a direction has no derivatives from a time on, if so, and the derivatives of the times of changes of modes.
@@ -163,7 +164,7 @@ impl<R: Lanes> Stepper<R> {
         (h, impulse): (f64, [RunDual<R>; 3]),
         work: impl FnOnce(&mut LaneContact, &States<f64>) -> EventResult<States<f64>>,
     ) -> Result<bool> {
-        let Self { method, contact: Some(contact) } = self else { return Ok(false) };
+        let Self { method, contact: Some(contact), .. } = self else { return Ok(false) };
         let ended = work(&mut contact.lane, &values(&place.y)).is_err();
         let mut log = contact.lane.run.log.clone();
         while ended && !matches!(log.last(), None | Some(Passage::Modes(..))) {

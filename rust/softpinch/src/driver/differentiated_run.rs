@@ -79,7 +79,8 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             }
             let mut taken = 0;
             while let Some(times) = next_step(&segment, taken, ends) {
-                if stepper.has_lost_all() {
+                // Summaries may have derivatives from before.
+                if stepper.has_lost_all() && kept.summaries.is_none() {
                     kept.give_up();
                 }
                 if kept.is_full() {
@@ -209,7 +210,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         if kept.wants(time) {
             let now = &system.evaluate(drive, *tau, y);
             *rate = now.rate;
-            R::outlined(Take { kept, system, time, y, now });
+            R::outlined(Take { kept, time, place, now });
         } else {
             *rate = self.rates(&drive.at(*tau), place);
         }

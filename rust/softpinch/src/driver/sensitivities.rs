@@ -2,18 +2,23 @@
 //! breakpoints and impulses. They are the derivatives of the numbers that the run computes, with the lengths of
 //! its steps held. `differentiated_run.rs` follows the run; what is asked for, and kept of it, is here.
 
-use crate::driver::contact_derivatives::{DualStates, Stepper};
+use crate::driver::contact_derivatives::{Place, Stepper};
 use crate::driver::differentiated_run::{DifferentiatedRun, FollowRun};
 use crate::driver::simulate;
 use crate::error::{Error, Result};
-use crate::formulation::{Evaluation, RunDual, RunDualEquations, RunDualSystem, System};
+use crate::formulation::{Evaluation, RunDual, RunDualEquations, System};
 use crate::method::Method;
 use crate::model::{
     BILATERAL_WORKS, ContactModel, Contacts, DIRECTIONS, Inputs, Motion, PARAMETER_COUNT, Parameters, Scene,
     Start, VariedParameters,
 };
 use crate::number::{LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
-use crate::stepping::{Options, Recordable, Selection, Steps, Summaries, Summary, SummaryInstant, reserved};
+use crate::stepping::{
+    Limits, Margins, Options, Recordable, Selection, Steps, Summaries, Summary, SummaryInstant, reserved,
+};
+
+/// A step below this share of the run leads to an event at its start. It is too short to choose modes by: the next one has it.
+const SLIVER: f64 = 1e-13;
 
 /// A direction in which a run is differentiated.
 #[derive(Debug, Clone)]
@@ -92,7 +97,7 @@ pub fn sensitivities(request: Request<'_>) -> Result<Option<Derivatives>> {
     let Request { scene, options, .. } = request;
     let unilateral = options.contact == ContactModel::Unilateral;
     let explicit = matches!(options.method, Method::Rk4 | Method::Dop853);
-    let (energy, summaries) = (options.record.contains(Recordable::Energy), !request.summaries.is_empty());
+    let energy = options.record.contains(Recordable::Energy);
     let refused = [
         (scene.inputs.sampled.is_some(), "control", "SampledController", "the others"),
         (!scene.parameters.has_the_papers_parts(), "hand", "of other parts", "those of the paper's parts"),
@@ -103,7 +108,6 @@ pub fn sensitivities(request: Request<'_>) -> Result<Option<Derivatives>> {
             "\"rk4\", \"dop853\" in unilateral contact",
         ),
         (unilateral && energy, "record", "energy", "the others in unilateral contact"),
-        (unilateral && summaries, "gradients", "of summaries", "\"final_state\" in unilateral contact"),
     ];
     if let Some((_, field, name, allowed)) = refused.into_iter().find(|(refused, ..)| *refused) {
         return Err(Error::unknown(field, name, format_args!("{allowed} with sensitivities")));
@@ -115,6 +119,7 @@ pub fn sensitivities(request: Request<'_>) -> Result<Option<Derivatives>> {
     if let Steps::Free { .. } = options.steps {
         let every = Options { record: Selection::default(), every: 1, times: None, ..options.clone() };
         ends = simulate(scene, &every, request.interrupted)?.0.recording.t().to_vec();
+        ends.dedup_by(|end, start| *end - *start < SLIVER * scene.duration);
     }
     options.simd.require()?;
     call_four_lanes(Followed { request, ends: &ends })
@@ -132,7 +137,7 @@ impl LaneKernel for Followed<'_> {
     #[inline(always)]
     fn run<R: Lanes>(self) -> Self::Output {
         let Self { request, ends } = self;
-        let Request { scene, options, directions: all, rows: times, summaries, .. } = request;
+        let Request { scene, options, directions: all, rows: times, summaries: wanted, .. } = request;
         let mut found = Derivatives::default();
         let count = times.len().saturating_mul(COMPONENTS * all.len());
         found.numbers = reserved("the derivatives, in numbers,", count)?;
@@ -149,8 +154,8 @@ impl LaneKernel for Followed<'_> {
             let equations = RunDualEquations::<R>::new(runs.choice, &source, runs.gains, twice);
             let stepper = &mut Stepper::new(runs, &request, (&source, directions.len()))?;
             let run = DifferentiatedRun { request, ends, directions, source, equations };
-            let watched = (!summaries.is_empty()).then(|| Summaries::new(&options.summaries));
-            let mut kept = Kept { times, numbers, taken: 0, summaries: watched };
+            let summaries = (!wanted.is_empty()).then(|| Summaries::new(&options.summaries));
+            let mut kept = Kept { times, numbers, taken: 0, summaries, limits: stepper.limits, options };
             let mut unsolved = None;
             match R::outlined(FollowRun { run: &run, stepper, kept: &mut kept }) {
                 Ok(()) if kept.is_full() => {}
@@ -162,7 +167,7 @@ impl LaneKernel for Followed<'_> {
                 Err(error) => return Err(error),
             }
             for k in 0..directions.len() {
-                found.summaries.extend(summaries.iter().map(|&summary| kept.slope(summary, k)));
+                found.summaries.extend(wanted.iter().map(|&summary| kept.slope(summary, k)));
                 let (lost, changes) = stepper.changes(k);
                 found.ends.push((unsolved.clone().or(lost), changes));
             }
@@ -178,8 +183,10 @@ pub(super) struct Kept<'a, R> {
     /// For each direction the components of all rows; NaN if they are not taken.
     numbers: &'a mut [f64],
     taken: usize,
-    /// The summaries, if any are wanted.
-    summaries: Option<Summaries<RunDual<R>>>,
+    /// The summaries, if any are wanted, what margins are distances to, and the run's options.
+    pub summaries: Option<Summaries<RunDual<R>>>,
+    limits: Limits<RunDual<R>>,
+    options: &'a Options,
 }
 
 impl<R: Lanes> Kept<'_, R> {
@@ -208,9 +215,8 @@ impl<R: Lanes> Kept<'_, R> {
     #[inline(always)]
     fn take(
         &mut self,
-        system: &RunDualSystem<R>,
         time: f64,
-        y: &DualStates<R>,
+        Place { equations: RunDualEquations { system, .. }, drive, y, .. }: &Place<'_, R>,
         now: &Evaluation<RunDual<R>>,
     ) {
         let zero = RunDual::zero();
@@ -218,6 +224,13 @@ impl<R: Lanes> Kept<'_, R> {
             let t = RunDual::constant(time);
             let instant = SummaryInstant { t, now, slip_speed: zero, closure: zero, half_width: zero };
             summaries.watch(&instant, R::ALL);
+            if summaries.wanted.set.contains(Summary::Margin) {
+                let &Options { contact, stop_on, .. } = self.options;
+                let contacts = (contact == ContactModel::Unilateral).then_some(&drive.contacts);
+                let (limits, seen) = (&self.limits, R::ALL & summaries.after.at_most(t));
+                let memory = &mut summaries.memory[Summary::Margin as usize];
+                Margins { limits, now, contacts, stop_on, memory, seen }.run();
+            }
         }
         if self.times[self.taken] != time {
             return;
@@ -245,15 +258,13 @@ impl<R: Lanes> Kept<'_, R> {
         let Some(Summaries { memory, .. }) = &self.summaries else { return f64::NAN };
         let memory = memory[summary as usize];
         let values = memory.map(|number| number.lane(0));
-        let slope = summary.slope(values, memory.map(|number| number.direction(direction)));
-        slope.filter(|_| values[0].is_finite()).unwrap_or(f64::NAN)
+        summary.slope(values, memory.map(|number| number.direction(direction))).unwrap_or(f64::NAN)
     }
 }
 
 task! {
     /// Gives an instant to what is kept.
     pub(super) ['a, 's, R: Lanes]
-    Take<'a, 's, R>(kept: &'a mut Kept<'s, R>, system: &'a RunDualSystem<R>, time: f64, y: &'a DualStates<R>,
-        now: &'a Evaluation<RunDual<R>>)
-    for R => () = kept.take(system, time, y, now)
+    Take<'a, 's, R>(kept: &'a mut Kept<'s, R>, time: f64, place: &'a Place<'a, R>, now: &'a Evaluation<RunDual<R>>)
+    for R => () = kept.take(time, place, now)
 }

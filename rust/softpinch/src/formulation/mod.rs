@@ -32,7 +32,7 @@ pub(crate) use equations::{Equations, Evaluation, MAX_COMPONENTS, States, Terms,
 pub(crate) use inlined::Inlined;
 pub(crate) use jumps::{ApplyJump, ContactJump};
 pub(crate) use mode_selection::{Chosen, Contact, choose, contacts_in};
-pub(crate) use run_dual::{RunDual, RunDualEquations, RunDualSystem};
+pub(crate) use run_dual::{RunDual, RunDualEquations};
 pub(crate) use scene_equations::{Choice, EquationKind, InputAt, SceneEquations, with};
 pub(crate) use system::{BLOCK, Jacobian, Linear, Size, StageState, Stages, System};
 pub use table::{FORMULATIONS, Formulation};

@@ -355,7 +355,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             if self.summaries.wanted.set.contains(Summary::Margin) {
                 let contacts = self.unilateral.then_some(&self.drive.contacts);
                 let (limits, stop_on, seen) =
-                    (&self.limits, &self.stop_on, seen & self.summaries.after.at_most(t));
+                    (&self.limits, self.options.stop_on, seen & self.summaries.after.at_most(t));
                 let memory = &mut self.summaries.memory[Summary::Margin as usize];
                 R::outlined(Margins { limits, now, contacts, stop_on, memory, seen });
             }

@@ -48,7 +48,7 @@ pub(crate) use grid::{Grid, GridOf, MOST_STEPS, Segment, Span, round_off};
 pub(crate) use instant::{Instant, all_finite, column, put, watched};
 pub(crate) use lane_controller::LaneController;
 pub(crate) use lone_steps::RowsInside;
-pub(crate) use monitor::{Limits, STOP_ON, ViolationSet};
+pub(crate) use monitor::{Limits, Margins, STOP_ON, ViolationSet};
 pub use monitor::{VIOLATIONS, Violation};
 pub use options::{MAX_STEPS, Options, Steps};
 pub(crate) use phase::Phase;

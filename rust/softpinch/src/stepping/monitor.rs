@@ -121,8 +121,8 @@ pub(crate) struct Limits<R> {
     pub(super) half_height: [R; 2],
     /// 1/R of arcs.
     curvature: [R; 2],
-    /// One by the force E a^2 of each tip.
-    per_force: [R; 2],
+    /// The modulus E of each tip.
+    modulus: [R; 2],
 }
 
 impl<R: Lanes> Limits<R> {
@@ -138,7 +138,7 @@ impl<R: Lanes> Limits<R> {
             limited: friction[0].less(infinity) | friction[1].less(infinity),
             half_height: [half_length(source, 0), half_length(source, 1)],
             curvature: [curvature(source, 0), curvature(source, 1)],
-            per_force: [0, 1].map(|i| source.number(|p| 1.0 / (p.modulus(i) * p.tips[i].radius.powi(2)))),
+            modulus: [0, 1].map(|i| source.number(|p| p.modulus(i))),
         }
     }
 
@@ -299,17 +299,19 @@ task! {
     /// How far an instant is from the loss of the grasp: the least distance to all that makes the grasp not hold, with the
     /// violations in `stop_on`; and by how much it would hold if a unilateral run ended there. Forces count in E a^2 of the
     /// tip, lengths in its radius a, and tilts in 90 degrees. Separation has no distance: a tip pulls before it.
-    pub(super) ['a, R: Lanes]
+    pub(crate) ['a, R: Lanes]
     Margins<'a, R>(limits: &'a Limits<R>, now: &'a Evaluation<R>, contacts: Option<&'a Contacts<R>>,
-        stop_on: &'a [Bits; VIOLATIONS.len()], memory: &'a mut Memory<R>, seen: Bits)
+        stop_on: ViolationSet, memory: &'a mut Memory<R>, seen: Bits)
     for R => () = {
         let (one, infinity, per_tilt) = (R::constant(1.0), R::constant(f64::INFINITY), R::constant(std::f64::consts::FRAC_2_PI));
         let (mut least, mut at_end) = (infinity, infinity);
+        let stops = |violation| if stop_on.contains(violation) { Bits::MAX } else { 0 };
         let inside = [limits.half_height[0] - now.places[0].abs(), limits.half_height[1] - now.places[1].abs()];
         for i in 0..2 {
-            let (d_n, per_length) = (now.motion.q.compression[i], one / limits.sides[i].radius);
-            let (force, across) = (now.multipliers[i] * limits.per_force[i], now.multipliers[2 + i].abs());
-            let cone = limits.friction[i].mul_add(force, -across * limits.per_force[i]);
+            let (d_n, radius) = (now.motion.q.compression[i], limits.sides[i].radius);
+            let (per_length, per_force) = (one / radius, one / (limits.modulus[i] * (radius * radius)));
+            let (force, across) = (now.multipliers[i] * per_force, now.multipliers[2 + i].abs());
+            let cone = limits.friction[i].mul_add(force, -across * per_force);
             let (mut touching, mut sticks, mut slips) = (Bits::MAX, 0, 0);
             if let Some(contacts) = contacts {
                 let both_free = contacts.free[0] & contacts.free[1];
@@ -322,12 +324,12 @@ task! {
             } else {
                 least = least.min_in(force, R::ALL).min_in(cone, limits.friction[i].less(infinity));
             }
-            least = least.min_in(one - d_n * per_length, touching & stop_on[Violation::Crushed as usize]);
-            least = least.min_in(one - now.tilt[i].abs() * per_tilt, touching & stop_on[Violation::Folded as usize]);
-            least = least.min_in((limits.rim(now, i) - d_n) * per_length, touching & stop_on[Violation::Rim as usize]);
-            least = least.min_in(inside[i] * per_length, touching & stop_on[Violation::OffFace as usize]);
-            least = least.min_in(cone, sticks & stop_on[Violation::Slipping as usize]);
-            least = least.min_in(force, slips & stop_on[Violation::Opened as usize]);
+            least = least.min_in(one - d_n * per_length, touching & stops(Violation::Crushed));
+            least = least.min_in(one - now.tilt[i].abs() * per_tilt, touching & stops(Violation::Folded));
+            least = least.min_in((limits.rim(now, i) - d_n) * per_length, touching & stops(Violation::Rim));
+            least = least.min_in(inside[i] * per_length, touching & stops(Violation::OffFace));
+            least = least.min_in(cone, sticks & stops(Violation::Slipping));
+            least = least.min_in(force, slips & stops(Violation::Opened));
         }
         take_margins(memory, [least, at_end], seen)
     }

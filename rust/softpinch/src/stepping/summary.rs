@@ -48,9 +48,9 @@ trait Fold {
     fn value(memory: [f64; 3], _end: &RunEnd) -> f64 {
         memory[0]
     }
-    /// The derivative of the value, from the memory and its derivatives.
-    fn slope(_memory: [f64; 3], slopes: [f64; 3]) -> f64 {
-        slopes[0]
+    /// The derivative of the value of a run that completes, from the memory and its derivatives; NaN if the value is not finite.
+    fn slope(memory: [f64; 3], slopes: [f64; 3]) -> f64 {
+        if memory[0].is_finite() { slopes[0] } else { f64::NAN }
     }
 }
 
@@ -292,7 +292,6 @@ impl Fold for FreeTime {
 /// ended early has a value even if no instant was seen.
 impl Fold for Margin {
     const START: [f64; 3] = [f64::NAN, f64::INFINITY, 0.0];
-    const SMOOTH: bool = false;
 
     /// What was beyond and what was missing add up. Round-off does not decide the sign: the run knows whether it held.
     fn value([at_end, distance, _]: [f64; 3], end: &RunEnd) -> f64 {
@@ -302,6 +301,11 @@ impl Fold for Margin {
             false => distance.min(0.0) - end.missing,
         };
         if end.holds { margin.max(f64::MIN_POSITIVE) } else { margin.min(0.0) }
+    }
+
+    fn slope(memory: [f64; 3], slopes: [f64; 3]) -> f64 {
+        let smaller = usize::from(memory[0] >= memory[1]);
+        if memory[smaller].is_finite() { slopes[smaller] } else { f64::NAN }
     }
 }
 
