@@ -144,13 +144,10 @@ def draw(
     width: float,
     height: float,
     legends: Literal["above", "panels", "none"] = "above",
-    numbered: Run | None = None,
+    numbered: Run | None = None,  # whose operations have their numbers above the first panel
     **options: Any,
 ) -> tuple[Figure, NDArray[Any]]:
-    """Draws columns, with bands below the `height`, inches; returns figure and panels' axes.
-
-    Above the first panel are the numbers of the operations of the run `numbered`.
-    """
+    """Draws columns, with bands below the `height`, inches; returns figure and panels' axes."""
     rows = max(len(column.panels) for column in columns)
     most = max(len(unilateral(column.runs)) for column in columns)
     if most:

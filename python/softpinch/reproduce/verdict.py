@@ -414,7 +414,6 @@ def find(runs: Runs) -> tuple[Finding, ...]:
     """Judges every claim of the paper by the runs, and adds observations beyond the paper."""
     checks.instance("runs", runs, Runs)
     known = [rest for rest in runs.rests if rest.found.state and rest.weightless.state]
-    light, strong = ((runs.cases[case], runs.held[case]) for case in ("iii", "ii"))
     return (
         _converges(runs.operations),
         _fingers_arrive(runs.operations),
@@ -422,7 +421,9 @@ def find(runs: Runs) -> tuple[Finding, ...]:
         _nonholonomic_order(runs.operations),
         _rises_at_switches(runs.operations),
         *(_survives(case, run) for case, run in runs.cases.items()),
-        _light_swings_more(light, strong),
+        _light_swings_more(
+            (runs.cases["iii"], runs.held["iii"]), (runs.cases["ii"], runs.held["ii"])
+        ),
         _without_slipping(runs.operations, runs.rests),
         *([_elastic_alone(known)] if known else []),
         _depends_on_the_way(runs.operations, runs.direct),
