@@ -78,10 +78,7 @@ def solved(scene: sp.Scene, times: Sequence[float] | None, **options: Any) -> So
 
 
 def independent(scene: sp.Scene, times: Sequence[float], method: str) -> Solution:
-    """By tests/oracle; energies, and inner multipliers of unilateral contact, are NaN.
-
-    The method, one of SciPy's, is that of bilateral contact.
-    """
+    """By tests/oracle, with one of SciPy's methods; energies are NaN."""
     from oracle import unilateral
     from oracle.parts import reference_of
 
@@ -91,11 +88,9 @@ def independent(scene: sp.Scene, times: Sequence[float], method: str) -> Solutio
         exact = reference_of(scene, times, method=method)
         rows[:, 1:-1] = np.hstack([exact.q, exact.p, exact.multipliers])
         return Solution(rows, [], [], "completed", times[-1], {})
-    walked = unilateral(scene, times)
+    walked = unilateral(scene, times, method)
     rows = rows[: len(walked.t)]
-    rows[:, 1:19] = np.hstack([walked.q, walked.p])
-    if walked.status == "completed":
-        rows[-1, 19:23] = walked.end.multipliers
+    rows[:, 1:-1] = np.hstack([walked.q, walked.p, walked.multipliers])
     events = sorted((c.time, c.finger, c.before[:4], c.after[:4]) for c in walked.changes)
     full = {"stic": "stick", "graz": "graze"}
     events = [(t, f, full.get(a, a), full.get(b, b)) for t, f, a, b in events if t > times[0]]
@@ -139,11 +134,8 @@ def write(problem: Problem) -> None:
     agreement = {
         "formulation": compared(answer, solved(scene, times, formulation=other, **main)),
         "method": compared(answer, solved(scene, times, formulation=own, **second)),
+        "independent": compared(answer, independent(scene, times, problem.oracle)),
     }
-    if problem.oracle:
-        early = [t for t in times if t <= problem.until]
-        short = scene.with_({"duration": min(scene.duration, early[-1])})
-        agreement["independent"] = compared(answer, independent(short, early, problem.oracle))
     facts: dict[str, Any] = {
         "status": first.status,
         "end": first.end,
@@ -169,6 +161,9 @@ def write(problem: Problem) -> None:
         "agreement": agreement,
         "scene": scene.to_dict(),
     }
+    law = scene.hand.tips[0].law
+    if isinstance(law, sp.MeasuredLaw):
+        data["law"] = {"range": float(law.compression[-1]), "weights": law.weights.tolist()}
     folder = FOLDER / problem.name
     folder.mkdir(parents=True, exist_ok=True)
     text = "# A reference problem; ../../README.md has the rules. SI units, angles in radians.\n"
@@ -206,13 +201,11 @@ def write_agreement() -> None:
         data = tomllib.loads((folder / "problem.toml").read_text("utf-8"))
         agreement, cells = data["agreement"], []
         for check in CHECKS:
-            found = agreement.get(check)
+            found = agreement[check]
             for name in (*QUANTITIES, "events"):
-                value = "" if found is None or name not in found else f"{found[name]:.2g}"
+                value = f"{found[name]:.2g}" if name in found else ""
                 rows.append([data["name"], check, name, value])
-            cells.append(
-                "-" if found is None else f"{max(found.get(n, 0.0) for n in QUANTITIES):.1e}"
-            )
+            cells.append(f"{max(found.get(n, 0.0) for n in QUANTITIES):.1e}")
         events = max(found["events"] for found in agreement.values())
         ends = "holds" if data["answer"].get("holds") else data["answer"]["status"]
         moments = (folder / "events.csv").read_text("utf-8").count("\n") - 1
