@@ -92,3 +92,22 @@ def test_a_changed_capsule_is_another_scene_than_that_of_its_study(tmp_path: Pat
     code, out, _ = call("run", path, "--set", "disturbances.0.force=[1, 0]")
     assert code == 0
     assert f"another scene than in the study, where run 0 {capsule.status} at" in out
+
+
+def test_a_study_takes_changes_but_not_of_what_it_varies(tmp_path: Path) -> None:
+    study = tmp_path / "study.toml"
+    study.write_text(
+        "[scene]\nduration = 0.02\n[study]\nruns = 8\n"
+        '[vary]\n"grasped.mass" = {kind = "uniform", low = 0.05, high = 0.1}\n'
+        '[rare]\nevent = ["peak_rotation", ">", 100.0]\n',
+        encoding="utf-8",
+    )
+    changes = ("--set", "hand.tip.youngs_modulus=4e5")
+    code, _, err = call("montecarlo", study, *changes, "--out", tmp_path / "out")
+    assert (code, err) == (0, "")
+    stored = sp.Study.open(tmp_path / "out")
+    assert stored.scene.hand.tip.youngs_modulus == 4e5
+    for command in ("montecarlo", "rare"):
+        code, out, err = call(command, study, "--set", "grasped.mass=0.2", "--out", tmp_path / "b")
+        assert (code, out) == (2, "")
+        assert err == "error: --set grasped.mass: the study varies it; change its [vary] instead\n"

@@ -13,7 +13,9 @@ import softpinch as sp
 from oracle.parts import reference_of
 from oracle.trajectory import Reference, error, reference
 from softpinch import _core, paper, stress
+from softpinch.run import scaled_error
 from softpinch.run.error_estimate import _observed_order
+from softpinch.scene import fields
 
 PAIRS = [(f, m) for f in _core.FORMULATIONS for m in _core.METHODS]
 RECORD = ("state", "multipliers")
@@ -178,6 +180,19 @@ def test_a_run_that_a_violation_ends_has_bars_up_to_there() -> None:
         f"; 1 of {len(run)} rows have no estimate, because a contact changes or the run ends "
         f"there: t = {run.t[-1]:.6g} s"
     )
+
+
+def test_the_message_names_the_worst_component_of_each_quantity() -> None:
+    scene = sp.Scene(duration=0.05, disturbances=[sp.Step(time=0.01, force=(1.0, 0.5))])
+    run = sp.simulate(scene, dt=1e-3, record=("state", "multipliers"), estimate_error=True)
+    bars = run.error_estimate
+    for name in ("q", "p", "multipliers"):
+        sizes = scaled_error.scales(name, getattr(run, name))
+        row, column = np.unravel_index(
+            np.argmax(getattr(bars, name) / sizes), getattr(bars, name).shape
+        )
+        of = f"({fields.QUANTITIES[name].columns[column]} at t = {run.t[row]:.6g} s)"
+        assert f"{name} {bars.largest[name]:.1e} {of}" in bars.message
 
 
 def test_recorded_quantities_have_estimates_which_are_saved(tmp_path) -> None:

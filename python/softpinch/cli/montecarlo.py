@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,8 +21,8 @@ from ..study.sampling import SAMPLERS
 from ..study.spec import SUMMARIES
 from ..support import Table, checks, require, save_csv, save_npz
 from ..support.files import FORMATS
-from .options import Dt, Format, Formulation, Method, Out, Threads, Tolerance, separated
-from .shell import ENDED_EARLY, INTERRUPTED, one_line_errors
+from .options import Dt, Format, Formulation, Method, Out, Set, Threads, Tolerance, separated
+from .shell import ENDED_EARLY, INTERRUPTED, changed_study, one_line_errors
 
 _SUMMARY = (
     *("name", "unit", "runs", "mean", "low (95 %)", "high (95 %)"),
@@ -48,6 +49,7 @@ def montecarlo(
     ],
     runs: Annotated[int | None, typer.Option(help="Number of runs.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of all draws.")] = None,
+    set_: Set = None,
     out: Out = Path("study"),
     dt: Dt = None,
     tolerance: Tolerance = None,
@@ -91,7 +93,7 @@ def montecarlo(
         how = {"dt": dt, "tolerance": tolerance, "method": method, "formulation": formulation}
         how |= {"runs": runs, "seed": seed, "sampler": sampler, "check_dt": check_dt}
         names = None if summaries is None else separated(summaries)
-        spec = study_file.read(study, **how, summaries=names)
+        spec = study_file.read(study, partial(changed_study, set_), **how, summaries=names)
         require("matplotlib", extra="plot", purpose="figures")
         begun = Study._opened(out).runs if (out / MANIFEST).exists() else 0
         started = time.perf_counter()

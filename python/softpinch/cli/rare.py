@@ -14,8 +14,8 @@ from ..study.spec import RUN_OPTIONS
 from ..support import checks, require, toml
 from ..support.files import FORMATS
 from .montecarlo import CAPSULES, save_capsules
-from .options import Dt, Format, Out, Threads
-from .shell import INTERRUPTED, one_line_errors
+from .options import Dt, Format, Out, Set, Threads
+from .shell import INTERRUPTED, changed_study, one_line_errors
 
 _SETTINGS = ("event", "runs", "method")
 
@@ -29,6 +29,7 @@ def rare(
     method: Annotated[
         str | None, typer.Option(metavar="auto|subset|splitting|importance", help="The method.")
     ] = None,
+    set_: Set = None,
     out: Out = Path("rare"),
     store: Annotated[
         Path | None, typer.Option(help="A folder for the runs; a repeated command continues there.")
@@ -50,6 +51,7 @@ def rare(
         require("matplotlib", extra="plot", purpose="figures")
         data = toml.read(checks.path("study", study))
         scene, vary, settings = study_file.parse(data, study)
+        scene = changed_study(set_, scene, vary)
         with study_file.naming(study):
             own = data.get("rare", {})
             checks.refuse_unknown("[rare]", own, _SETTINGS, "")

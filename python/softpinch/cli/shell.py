@@ -1,7 +1,7 @@
 """Helpers that the commands share: exit codes, one-line errors, reading scenes, gains."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -98,6 +98,14 @@ def with_changes(scene: Scene, changes: Sequence[str] | None) -> Scene:
         values[path] = found["value"]
     with checks.reworded("--set: ", drop="with_: "):
         return scene.with_(values) if values else scene
+
+
+def changed_study(changes: Sequence[str] | None, scene: Scene, vary: Mapping[Any, Any]) -> Scene:
+    """Returns a study's scene after --set, which may not set what the study varies."""
+    paths = {path for key in vary for path in ([key] if isinstance(key, str) else key)}
+    if varied := paths & {text.partition("=")[0].strip() for text in changes or ()}:
+        raise ValueError(f"--set {min(varied)}: the study varies it; change its [vary] instead")
+    return with_changes(scene, changes)
 
 
 def read_run(path: Path) -> Scene | Capsule:

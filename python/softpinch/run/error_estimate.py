@@ -45,7 +45,7 @@ class ErrorEstimate(Result):
         p: Likewise, (n, 9), m/s and rad/s; `multipliers` has that of lambda, (n, 4), N.
         largest: "q", "p", "multipliers" -> the largest error over components and the rows that have
             an estimate, each component scaled by its largest magnitude along the run. It is inf if
-            the runs did not end alike.
+            the runs did not end alike. `message` names the component and its row, by time.
         order: The observed power of the step with which the differences between the runs fall; inf
             if only round-off is left, -inf if a finer run failed or was interrupted.
         expected_order: The order of the method.
@@ -96,6 +96,7 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
     usual = scaled_error.usual(request.scene)
     found: dict[str, Any] = {}
     largest: dict[str, float] = {}
+    worst: dict[str, str] = {}
     orders: list[float] = []
     for name in names:
         coarse, middle, fine = (each[name][compared] for each in runs)
@@ -111,7 +112,12 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
         bars = np.full(result[name].shape, np.inf)
         bars[compared] = apart
         found[name] = read_only(bars)
-        largest[name] = float(scaled_error.by_row(apart, 0.0, scale).max(initial=0.0))
+        errors = scaled_error.by_row(apart, 0.0, scale)
+        largest[name] = float(errors.max(initial=0.0))
+        if largest[name] > 0.0:
+            row = int(errors.argmax())
+            column = fields.QUANTITIES[name].columns[int(np.argmax(apart[row] / scale))]
+            worst[name] = f" ({column} at t = {t[compared[row]]:.6g} s)"
     finite = [order for order in orders if order != math.inf]
     order = max(finite, key=lambda order: abs(order - expected), default=math.inf)
     # Runs that end at the same violation do so within a step of each other.
@@ -131,7 +137,8 @@ def estimate(request: Request, result: Mapping[str, Any]) -> ErrorEstimate:
     reliable = alike and max(largest.values()) < _LARGEST and falls
     missing = t[~np.isfinite(np.hstack(list(found.values()))).all(axis=1)]
     if alike:
-        message = _sizes(largest, order, expected, reliable, adaptive)
+        sizes = ", ".join(f"{k} {size:.1e}{worst.get(k, '')}" for k, size in largest.items())
+        message = _sizes(sizes, order, expected, reliable, adaptive)
         if len(missing):
             some = ", ".join(f"{instant:.6g}" for instant in missing[:3])
             more = ", ..." if len(missing) > 3 else ""
@@ -172,11 +179,8 @@ def _not_alike(runs: Sequence[Mapping[str, Any]], adaptive: bool) -> str:
     return f"the error cannot be estimated: with {halved} {how}; {remedy}"
 
 
-def _sizes(
-    largest: dict[str, float], order: float, expected: int, reliable: bool, adaptive: bool
-) -> str:
+def _sizes(sizes: str, order: float, expected: int, reliable: bool, adaptive: bool) -> str:
     """Says how large the errors are, and whether they fall as expected."""
-    sizes = ", ".join(f"{name} {size:.1e}" for name, size in largest.items())
     text = f"estimated error of the run, relative to the largest size of each component: {sizes}"
     if order == math.inf:
         return f"{text}; only round-off is left"

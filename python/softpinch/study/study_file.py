@@ -14,7 +14,7 @@ seed = 7
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -39,10 +39,16 @@ _RUNS = 1000
 _SCENE = {f.name for f in fields(Scene)}
 
 
-def read(path: Path, **changes: Any) -> StudySpec:
-    """Reads a study from a file; `changes` override its settings (see `in_place`)."""
+def read(
+    path: Path, change: Callable[..., Scene] = lambda scene, vary: scene, **changes: Any
+) -> StudySpec:
+    """Reads a study from a file; `changes` override its settings (see `in_place`).
+
+    `change` makes the scene from that of the file and the table `vary`.
+    """
     path = checks.path("path", path)
-    return spec_of(*parse(toml.read(path), path), **changes)
+    scene, vary, settings = parse(toml.read(path), path)
+    return spec_of(change(scene, vary), vary, settings, **changes)
 
 
 def spec_of(
