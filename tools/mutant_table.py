@@ -432,6 +432,9 @@ MUTANTS = (
         "y[k] = (y[k] / controller.resolution[k]).floor()",
         "test_sampled",
     ),
+    Mutant("model/sampled.rs", "|| value < below", "|| value < above", "test_cascade"),
+    Mutant("model/sampled.rs", "+ SAME * self.period >= *at", ">= *at", "test_cascade"),
+    Mutant("model/sampled.rs", "*latched && *second", "*second", "test_cascade"),
     Mutant(
         "model/sampled.rs",
         "first = first.min(block.first_after(origin, acts.0, t));",

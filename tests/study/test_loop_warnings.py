@@ -48,4 +48,6 @@ def test_runs_that_come_to_rest_are_not_looked_at_further(monkeypatch: pytest.Mo
     assert not caught(SCENE)
     assert not caught(moving)  # nor twice
     with pytest.raises(AssertionError, match="looked for a rest"):
+        caught(SCENE, summaries="margin")  # without the rates at the end
+    with pytest.raises(AssertionError, match="looked for a rest"):
         caught(replace(SCENE, duration=0.022))

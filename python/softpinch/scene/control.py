@@ -97,6 +97,8 @@ class GainSwitch(Record):
         for name, own in self.gains.items():
             self._set(name, checks.array(f"GainSwitch.{name}", own, ("n", "k")))
         self._set("latched", checks.boolean("GainSwitch.latched", self.latched))
+        if self.measure is not None:
+            checks.choice("GainSwitch.measure", self.measure, _core.MEASURES)
         crosses = (self.above, self.below) != (None, None)
         if crosses != (self.measure is not None) or not (crosses or self.at is not None):
             raise ValueError(f"{self!r}: must have at, or measure with above or below")

@@ -173,8 +173,8 @@ class Computation:
         scene, moves = self.spec.scene, False
         if scene.law == "sampled":
             some = results._rows_of(results._computed.evenly_spaced(_SUSPECTS)).columns
-            moves = bool((np.abs(some["final_state"][:, 9:]) > _STILL).any())
-            moves |= bool((some["status"] != "completed").any())
+            rates = some["final_state"][:, 9:] if "final_state" in some else np.inf
+            moves = bool(np.any(np.abs(rates) > _STILL) or np.any(some["status"] != "completed"))
         growth = _growth(scene) if moves else 0.0
         if growth * scene.duration > math.log(GROWN):
             text = "the loop of the scene's SampledController is unstable (sp.loop): a deviation"
