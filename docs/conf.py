@@ -42,7 +42,8 @@ nitpick_ignore_regex = [
     ("py:.*", r"(control|scipy|jax|gymnasium|hypothesis|rich|types|dataclasses|enum)\..*"),
     (
         "py:.*",
-        "(Axes|Bools|ContactModel|DataFrame|Dataset|Figure|Fingers|NDArray|ArrayLike|Floats|Path|ResetNeeded)",
+        "(Axes|ContactModel|DataFrame|Dataset|Figure|Fingers|NDArray|ArrayLike|Bools|Floats|Path|"
+        "ResetNeeded)",
     ),
     # Types inside the package, which functions take from each other and users never name.
     ("py:class", r"softpinch\.[a-z_]+\.\w+(\.\w+)?"),
