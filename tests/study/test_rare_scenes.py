@@ -37,8 +37,14 @@ def test_plain_runs_agree_or_a_warning_stands_beside(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["subset", "importance"])
-@pytest.mark.parametrize("name", ["bilateral", "two ways"])
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        *(("bilateral", "subset"), ("bilateral", "importance")),
+        *(("two ways", "subset"), ("two ways", "importance")),
+        *(("noise", "subset"), ("noise", "splitting")),
+    ],
+)
 def test_intervals_of_scenes_cover(name: str, method: Any) -> None:
     seeds = 200
     share = np.mean([right(name, found(name, 5000, seed, method)) for seed in range(seeds)])

@@ -33,7 +33,7 @@ _TARGET, _ACCEPTABLE = 0.44, (0.15, 0.8)
 # Twice the standard deviation of runs in all directions, if no point of the event is known.
 _FAR = 5.0
 # Intervals are wider than `cov` alone makes them. It is estimated from the runs that also give the
-# probability and the thresholds of levels, and 2 to 7 % below the measured scatter.
+# probability and the thresholds of levels, and up to 7 % below the measured scatter.
 _WIDER = 1.15
 # Fewer effective lineages hardly tell how many ways to the event there are.
 _FEW_LINEAGES = 5.0
