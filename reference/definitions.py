@@ -361,8 +361,8 @@ PROBLEMS = (
     Problem(
         "20-carried-in-jaws",
         "A cube between jaws that an arm carries sideways and up, and back",
-        "As 18-carried with the jaws of 01-rest, which press half as hard: the weight is 20 % of what "
-        "friction carries.",
+        "As 18-carried with the jaws of 01-rest, which press half as hard: the weight is 20 % of "
+        "what friction carries.",
         carried_in_jaws,
         creep=(0.0, 1.0),
     ),
