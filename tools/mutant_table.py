@@ -186,6 +186,13 @@ MUTANTS = (
         "next[n] = 2.000001f64.mul_add(z[n], step.y[n]);",
         "convergence",
     ),
+    # Runs after the first one in a loop would have its Jacobian.
+    Mutant(
+        "method/newton.rs",
+        "(method.tangent, method.magnitudes) = (runs.tangent(), magnitudes(runs, &runs.system()));",
+        "let _ = (method, runs);",
+        CARGO,
+    ),
     Mutant("method/radau5.rs", "0.250_213_122_965_333_3", "0.250_213_123_965_333_3", CARGO),
     Mutant(
         "method/radau5.rs",
