@@ -137,7 +137,7 @@ def curved(d: int, beta: float) -> tuple[str, int, Distance, float]:
 
 def coverage(quick: bool) -> None:
     """How often intervals have a probability that a formula gives."""
-    seeds = 20 if quick else 200
+    seeds = 3 if quick else 200
     print(
         f"\n95 % intervals that have the truth, of {seeds} seeds (median of upper over lower end):"
     )
