@@ -13,8 +13,8 @@ from null_space import NAMES, Floats, right_hand_side
 
 try:
     from numbalsoda import dop853, lsoda, lsoda_sig
-except ImportError:
-    # It is built from Fortran, which not every machine has a compiler for.
+except (ImportError, AttributeError):
+    # It is built from Fortran, which not every machine has a compiler for, and needs Numba's.
     dop853 = lsoda = None
 
 PARAMETERS = len(NAMES)
