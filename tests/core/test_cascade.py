@@ -367,7 +367,7 @@ def test_files_and_bad_blocks() -> None:
         ({"D": second}, "must have at, or measure with above or below"),
         ({"D": second, "measure": "angle_rate", "at": 1.0}, "must have at, or measure with"),
         ({"above": 1.0, "at": 1.0}, "must have at, or measure with"),
-        ({"D": second, "at": np.nan}, r"GainSwitch\.at = nan: must be finite"),
+        ({"D": second, "at": np.nan}, r"GainSwitch\.at = NaN: must be finite"),
         ({"D": EYE, "at": 1.0}, r"GainSwitch\.D has shape \(2, 2\): must have shape \(2, 4\)"),
         ({"D": np.nan * second, "at": 1.0}, r"GainSwitch\.D\[0, 0\] = nan: must be finite"),
         ({"measure": "shear", "above": 1.0}, r"GainSwitch\.measure = 'shear': must be one of"),
@@ -375,7 +375,7 @@ def test_files_and_bad_blocks() -> None:
         with pytest.raises(ValueError, match=rule):
             replace(SERVO, switch=sp.GainSwitch(**fields))
     switched = scene_of(LOOPS["two sets of gains"])
-    with pytest.raises(ValueError, match=r"run 1: GainSwitch\.at = nan"):
+    with pytest.raises(ValueError, match=r"run 1: GainSwitch\.at = NaN"):
         sp.monte_carlo(switched, vary={"control.switch.at": [0.0, np.nan]}, progress=False)
     late = {"control.outer.measure_delay": [1e-3, -1e-3]}
     with pytest.raises(ValueError, match=r"run 1: .*measure_delay"):
