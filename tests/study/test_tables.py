@@ -19,7 +19,7 @@ from softpinch.support.record import Record
 NO_UNIT = {"hand", "grasped", "control", "schedule", "disturbances", "initial", "right", "left",
            "tip", "kind", "hold", "check", "grid", "linearized", "seed", "run",
            "fingers", "contact", "motion", "controller", "measures", "anti_windup",
-           "law", "relaxation", "jitter_kind", "outer"}  # fmt: skip
+           "law", "relaxation", "jitter_kind", "outer", "switch"}  # fmt: skip
 RECORDS: list[type[Record]] = [sp.Scene, sp.Hand, sp.Finger, sp.Fingertip, sp.GraspedObject,
     sp.Pid, sp.SampledController, sp.Schedule, sp.State, *DISTURBANCES.values()]  # fmt: skip
 
