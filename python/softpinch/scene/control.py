@@ -150,20 +150,16 @@ class SampledController(Law):
         initial_torque: Torques on both fingers until the first sample acts, N m, within the limits.
         initial_state: xi_0 (n,); None is zero.
         anti_windup: Clamping: a state is held in a sample that drives a limited torque further out.
-        measure_noise: Standard deviation of Gaussian noise on the measurements, in their units: one
-            number for each entry of y (m,), or measure -> number; a number holds for all. Known
-            quantities ("target", "target_rate") have none.
-        resolution: The steps to which measurements are rounded, as of an encoder, given as
-            `measure_noise`; 0 does not round. For "angle_error" the angle is rounded.
+        measure_noise: Standard deviation of Gaussian noise, in the units of y: one number for all,
+            one for each entry (m,), or measure -> number; it is 0 for what is known, as "target".
+        resolution: Steps to which sensors round, given as `measure_noise`; of angles, not errors.
         seed: Seed of noise, losses and jitter, from 0 to 2^64 - 1; `monte_carlo` takes the study's.
         run: Run number, which these depend on too; `monte_carlo` takes the run's.
         first_sample: Time from the start until the first sample, s.
-        measure_delay: Time from a sample until its measurements are used, s, with the targets of
-            the later instant. Torques act `delay` after that.
+        measure_delay: Time, s, until measurements are used, with the targets of then; then `delay`.
         loss: Probability, below 1, that a sample but the first is lost, and the one before counts.
-        jitter: How late samples are, s, below the period: with `jitter_kind` "uniform" from 0 to
-            it; or with "normal" the size of a normal number with this deviation, at most 0.999
-            periods. No sample overtakes another one. Delays begin at the late sample.
+        jitter: How late samples are, s, below the period: up to it with `jitter_kind` "uniform", or
+            by the size of a "normal" number with this deviation, up to 0.999 periods.
         rate_limit: Largest change of a torque in one period, divided by it, N m/s; None: no limit.
         dead_zone: z, given as `measure_noise`: measurements count as closer to 0 by z, or as 0.
         switch: A second set of gains, and when it acts.

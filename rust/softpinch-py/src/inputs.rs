@@ -192,10 +192,9 @@ fn blocks(
             switch: switch.as_ref().map(|(name, latched)| {
                 let k = names.iter().position(|own| own == name).unwrap_or(names.len());
                 let first: usize = measures[..k].iter().map(|measure| measure.width()).sum();
-                let entries = first..first + measures.get(k).map_or(0, |measure| measure.width());
+                let entries = [first, first + measures.get(k).map_or(0, |measure| measure.width())];
                 let gains = [n * n, n * m, 2 * n, 2 * m].map(&mut take);
-                let times = take(3);
-                let (at, above, below) = (times[0], times[1], times[2]);
+                let [at, above, below] = [(); 3].map(|()| take(1)[0]);
                 GainSwitch { at, entries, above, below, latched: *latched, gains }
             }),
             measures: measures.clone(),

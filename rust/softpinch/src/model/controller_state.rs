@@ -191,9 +191,7 @@ impl ControllerState {
         let SampledController { limits, anti_windup, .. } = controller;
         let Scratch { measured: y, next } = scratch;
         complete(controller, known, y);
-        let mut second = self.second.unwrap_or(false);
-        let [a, b, c, d] = controller.gains(self.origin, self.used, y, &mut second);
-        self.second = self.second.map(|_| second);
+        let [a, b, c, d] = controller.gains(self.origin, self.used, y, &mut self.second);
         let (n, m, xi) = (self.xi.len(), y.len(), &self.xi);
         // Not fused: outside of vector code a fused multiply-add is a call of a function.
         let row = |matrix: &[f64], row: usize, vector: &[f64]| -> f64 {

@@ -7,7 +7,6 @@
 //!
 //! v_k is computed at t_k + measure_delay and acts `delay` later. With delays above a period several v are under way.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use crate::error::{Error, Result, brief, require, require_at_most};
@@ -81,8 +80,8 @@ pub struct SampledController {
 pub struct GainSwitch {
     /// The instant from which on it acts, s, or infinity.
     pub at: f64,
-    /// The numbers of y that decide.
-    pub entries: Range<usize>,
+    /// The numbers of y that decide: the first of them, and the one after the last.
+    pub entries: [usize; 2],
     /// It acts if one of them is above this threshold,
     pub above: f64,
     /// or below this one.
@@ -171,10 +170,6 @@ impl SampledController {
             return Err(Error::shape(format_args!("{control}.{name}"), found, "must be at most 10 000"));
         }
         let (n, m) = (self.states(), self.inputs());
-        let second = self.switch.as_ref().map(|GainSwitch { gains: [a, b, c, d], .. }| {
-            [("switch.A", a, n * n), ("switch.B", b, n * m), ("switch.C", c, 2 * n), ("switch.D", d, 2 * m)]
-        });
-        let second = second.into_iter().flatten().map(|(name, own, size)| (name, own, size, Rule::Finite));
         for (field, values, length, rule) in [
             ("A", &self.a, n * n, Rule::Finite),
             ("B", &self.b, n * m, Rule::Finite),
@@ -184,16 +179,16 @@ impl SampledController {
             ("measure_noise", &self.noise, m, Rule::NonNegative),
             ("resolution", &self.resolution, m, Rule::NonNegative),
             ("dead_zone", &self.dead_zone, m, Rule::NonNegative),
-        ]
-        .into_iter()
-        .chain(second)
-        {
+        ] {
             let field = format_args!("{control}.{field}");
             if values.len() != length {
                 let found = format!("{} numbers", values.len());
                 return Err(Error::shape(field, found, "must fit the numbers of states and measures"));
             }
             rule.check_all(field, values)?;
+        }
+        for own in self.switch.iter().flat_map(|switch| &switch.gains) {
+            Rule::Finite.check_all(format_args!("{control}.switch"), own)?;
         }
         for [low, high] in self.limits {
             let field = format_args!("{control}.limits");
@@ -260,15 +255,19 @@ impl SampledController {
         self.later(origin, number, self.place.used)
     }
 
-    /// The first or the second set of A, B, C and D, for the measurements y of a sample; `second` says which of them
-    /// the sample before had.
-    pub(super) fn gains(&self, origin: f64, number: u64, y: &[f64], second: &mut bool) -> [&Vec<f64>; 4] {
+    /// A, B, C and D for the measurements y of a sample; `second` says whether the sample before had the second ones.
+    pub(super) fn gains(
+        &self,
+        origin: f64,
+        number: u64,
+        y: &[f64],
+        second: &mut Option<bool>,
+    ) -> [&Vec<f64>; 4] {
         if let Some(GainSwitch { at, entries, above, below, latched, gains }) = &self.switch {
-            let crosses = y[entries.clone()].iter().any(|value| value > above || value < below);
-            // At an instant that is that of the sample but for round-off, too.
+            let crosses = y[entries[0]..entries[1]].iter().any(|value| value > above || value < below);
             let late = self.used(origin, number) + SAME * self.period >= *at;
-            *second = late || crosses || (*latched && *second);
-            if *second {
+            *second = Some(late || crosses || (*latched && *second == Some(true)));
+            if *second == Some(true) {
                 return gains.each_ref();
             }
         }
