@@ -41,7 +41,9 @@ MUTANTS = (
         "normal: R::constant(1.000001) * stiff_t.mul_add(",
         "terms",
     ),
-    Mutant("model/forces.rs", "normal + tangential,", "normal,", "energy"),
+    Mutant("model/forces.rs", "normal + tangential;", "normal;", "energy"),
+    Mutant("model/forces.rs", "lost - self.friction", "lost + self.friction", "joint_friction"),
+    Mutant("model/forces.rs", "rate, creep, creep)", "rate, rate, creep)", "joint_friction"),
     Mutant(
         "model/forces.rs",
         "(self.torque[0] + self.finger_gravity[0])",

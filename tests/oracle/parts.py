@@ -150,6 +150,11 @@ class PartsModel:
             gains = [self.number(gain) for gain in (pid.kp, pid.kd, pid.ki)]
             z, w = u[3 + i], v[3 + i]
             torques.append(-gains[0] * (z - target[i]) - gains[1] * w - gains[2] * integral[i])
+            finger = (scene.hand.right, scene.hand.left)[i]
+            if finger.joint_friction is not None:
+                most = self.number(finger.joint_friction)
+                creep = self.number(0.01 if finger.creep_rate is None else finger.creep_rate)
+                torques[i] -= most * w / sp.sqrt(w**2 + creep**2)
         for normal_mass in (True, False):
             for tip in scene.hand.tips:
                 own = tip.normal_mass if normal_mass else tip.tangential_mass

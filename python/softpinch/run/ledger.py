@@ -23,7 +23,7 @@ class EnergyLedger(Result):
         kinetic: p^T M p / 2; `elastic` is P of (5), `gravity` P_g of (16), zero if the hand moves.
         controller_work: Work of the torques on the fingers, (39) or driving.
         external_work: Work of the disturbances, including impulses.
-        viscous_loss: Energy dissipated in the fingertips (44, 45), positive.
+        viscous_loss: Energy dissipated in the fingertips (44, 45) and joints, positive.
         constraint_work: Integral of lambda^T Phi p, the work of drift off the constraints; with
             formulation "projected" also the energy change by the projections. It is zero on the
             constraints.

@@ -14,6 +14,7 @@ from typing import NamedTuple, TypeAlias
 
 from .. import _core
 from ..support.record import SIDES
+from .parts import JOINT
 
 Unit: TypeAlias = str | tuple[str, ...]
 
@@ -75,6 +76,8 @@ PARAMETERS = (
     Parameter("hand.right.height", "m", (-10.0, 10.0)),
     Parameter("hand.right.direction", "rad", (-_TURN, _TURN)),
     Parameter("hand.right.angle", "rad", (-_TURN, _TURN)),
+    Parameter("hand.right.joint_friction", "N m", (0.0, 100.0)),
+    Parameter("hand.right.creep_rate", "rad/s", (1e-6, 10.0)),
     Parameter("hand.tip.radius", "m", (1e-5, 1.0), "a"),
     # From a tenth of the softest gel to ten times the modulus of the stiffest materials.
     Parameter("hand.tip.youngs_modulus", "Pa", (100.0, 1e13), "E"),
@@ -320,7 +323,7 @@ def _with_jaws(name: str, field: str, unit: Unit, jaws: Jaws) -> Unit:
     if not isinstance(unit, str):
         return of_coordinates(unit, jaws)
     owner = name.partition(".")[0]
-    if owner not in ("control", "peak_torque") and field not in ("angles", "integral"):
+    if owner not in ("control", "peak_torque") and field not in ("angles", "integral", *JOINT):
         return unit
     own = of_fingers(unit, jaws)
     sides = [own[k] for k, side in enumerate(SIDES) if side in name.split(".")]

@@ -89,6 +89,8 @@ class Finger(Record):
         half_thickness: d_f, half the finger's thickness, m.
         mass: M_i, which enters gravity (16) and, if the hand moves, the forces of inertia, kg.
         inertia: I_i, moment of inertia about the root, kg m^2.
+        joint_friction: f of dry friction, -f w / sqrt(w^2 + v^2) at the rate w, N m. None is none.
+        creep_rate: v, rad/s, with which a joint creeps under 0.7 f. None is 0.01.
     """
 
     length: float = 0.0762
@@ -96,6 +98,8 @@ class Finger(Record):
     half_thickness: float = 0.0045
     mass: float = 0.1
     inertia: float = 5.8e-4
+    joint_friction: float | None = None
+    creep_rate: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

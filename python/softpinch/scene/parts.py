@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -31,11 +31,15 @@ _WEIGHTS = 10
 # springs of (4) have such a force, as shares of the largest force.
 _SMOOTHING, _MISFIT = 1e-3, 0.1
 _LEAST = 3  # measurements
+JOINT = ("joint_friction", "creep_rate")  # of dry friction
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism(Kinded):
-    """Base class of the mechanisms that carry a tip, beside `Finger`."""
+    """Base class of the mechanisms beside `Finger`, with its `joint_friction` and `creep_rate`."""
+
+    joint_friction: float | None = field(default=None, kw_only=True)
+    creep_rate: float | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,7 +48,7 @@ class Jaw(Mechanism):
 
     Its coordinate is the travel towards the object, m; its torque is a force, N, and its gains are
     in N/m, N s/m and N/(m s). At the travel zero the tip's centre is at `root_offset` less
-    `half_thickness` from the middle of the hand.
+    `half_thickness` from the middle of the hand. Its `joint_friction` is in N, `creep_rate` in m/s.
 
     Attributes:
         root_offset: From the middle of the hand to the jaw's middle, m.
@@ -334,8 +338,10 @@ def numbers(scene: Scene) -> dict[str, float]:
     fingers = (scene.hand.right, scene.hand.left)
     for k, (name, side) in enumerate(zip(SIDES, sides_of(scene.grasped), strict=True)):
         finger, law = fingers[k], scene.hand.tips[k].law
-        if isinstance(finger, Mechanism):
-            put(f"hand.{name}", 1.0 if isinstance(finger, Jaw) else 2.0, **finger._values())
+        kind = 1.0 if isinstance(finger, Jaw) else 2.0 if isinstance(finger, Parallelogram) else 0.0
+        own = finger._values() if kind else {key: getattr(finger, key) for key in JOINT}
+        rubs = float(finger.joint_friction is not None)
+        put(f"hand.{name}", kind, rubs=rubs, **{k: x for k, x in own.items() if x is not None})
         if isinstance(side, Face):
             put(f"grasped.{name}", 1.0, tilt=side.tilt, height=2.0 * half_lengths(scene)[k])
         if isinstance(side, Arc):
@@ -359,10 +365,12 @@ def numbers(scene: Scene) -> dict[str, float]:
 
 def others(scene: Scene) -> list[str]:
     """The parts of a scene that are not the paper's, in words."""
-    found = [type(finger).__name__ for finger in (scene.hand.right, scene.hand.left)]
+    fingers = (scene.hand.right, scene.hand.left)
+    found = [type(finger).__name__ for finger in fingers]
     found += [type(side).__name__ for side in sides_of(scene.grasped)]
     found += [type(tip.law).__name__ for tip in scene.hand.tips]
     found += ["Maxwell branch"] if branches(scene) else []
+    found += ["joint_friction"] if not all(x.joint_friction is None for x in fingers) else []
     return [name for name in dict.fromkeys(found) if name not in ("Finger", "NoneType")]
 
 
@@ -427,6 +435,8 @@ def why_fixed(scene: Scene, path: str) -> str | None:
     laws = [tip.law for side, tip in zip(SIDES, scene.hand.tips, strict=True) if side in sides]
     if name == "youngs_modulus" and any(laws):
         return "a tip has a law of its own, without this modulus"
+    if name == "creep_rate" and getattr(scene.hand, owner[-1]).joint_friction is None:
+        return "the joint has no friction"
     if "law" in owner and {"compression", "force"} & {*owner, name}:
         return "all runs share a measured curve; its shear_factor can differ"
     if owner[:1] == ["grasped"] and name == "center":

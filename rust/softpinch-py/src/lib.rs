@@ -55,10 +55,13 @@ fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
     jaw.push(("mass", Rule::Positive));
     jaw.extend(of(&Mechanism::FIELDS, &["height", "direction", "angle"]));
     let angle = of(&Mechanism::FIELDS, &["angle"]);
+    let joint = of(&Mechanism::FIELDS, &["joint_friction", "creep_rate"]);
+    jaw.extend(&joint);
+    let link = [Finger::FIELDS.to_vec(), joint].concat();
     vec![
-        ("Finger", Finger::FIELDS.to_vec()),
+        ("Finger", link.clone()),
         ("Jaw", jaw),
-        ("Parallelogram", [Finger::FIELDS.to_vec(), angle].concat()),
+        ("Parallelogram", [link, angle].concat()),
         ("Face", of(&Side::FIELDS, &["tilt", "height"])),
         ("Arc", of(&Side::FIELDS, &["radius", "span"])),
         ("ParallelSprings", of(&Fingertip::FIELDS, &["youngs_modulus"])),

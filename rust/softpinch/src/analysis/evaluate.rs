@@ -63,8 +63,8 @@ pub fn evaluate(
         ("elastic", elastic),
         // Minus the gradient of (16); or the forces of the hand's motion, which include gravity.
         ("gravity", vector(weight, forces.finger_gravity, [0.0; 4])),
-        // (44) and (45).
-        ("viscous", vector([0.0; 3], [0.0; 2], plant.drags(p).map(|drag| -drag))),
+        // (44) and (45), and the dry friction of the joints.
+        ("viscous", vector([0.0; 3], forces.friction.map(|own| own + 0.0), plant.drags(p).map(|drag| -drag))),
         // (39), or the torques that driven fingers need.
         ("control", vector([0.0; 3], forces.torque, [0.0; 4])),
         ("external", vector(outside, [0.0; 2], [0.0; 4])),

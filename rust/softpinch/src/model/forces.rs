@@ -25,6 +25,8 @@ pub struct Plant<R> {
     /// tips.
     pub inverse_driven_masses: [R; 2],
     pub controllers: [Controller<R>; 2],
+    /// f and v of the joints' dry friction, if one has it.
+    joints: Option<[[R; 2]; 2]>,
     /// Whether the fingers follow the schedule, whatever torque that takes.
     ///
     /// What follows from it is also a parameter of the functions below and of the formulations. A caller that
@@ -74,6 +76,8 @@ pub struct Forces<R> {
     /// The torques on the fingers, from the controllers (39). For driven fingers they are zero until the
     /// formulation has found the multipliers and sets them to [`Plant::driving_torque`].
     pub torque: [R; 2],
+    /// The dry friction of the joints; -0.0, which changes no bit of a sum, without it.
+    pub friction: [R; 2],
     pub external: [R; 3],
 }
 
@@ -112,6 +116,12 @@ impl<R: Real> Plant<R> {
                 finger_weights[i][0] = (mass * gravity) * source.number(|p| p.fingers[i].length);
             }
         }
+        let mut joints = None;
+        if R::ANY_PARTS && source.kinds().mechanisms.iter().any(|own| own.rubs != 0.0) {
+            let most = [0, 1].map(|i| source.number(|p| p.mechanisms[i].joint_friction));
+            let creep = [0, 1].map(|i| source.number(|p| p.mechanisms[i].creep_rate));
+            joints = Some([[most[0], creep[0]], [most[1], creep[1]]]);
+        }
         let mut inverse_masses = each_coordinate!([masses] => one / masses);
         let driven = fingers == Fingers::Driven;
         if driven {
@@ -133,6 +143,7 @@ impl<R: Real> Plant<R> {
             inverse_masses,
             inverse_driven_masses,
             controllers: [Controller::new(source, 0, fingers), Controller::new(source, 1, fingers)],
+            joints,
             driven,
             weight: object * gravity,
             finger_weights,
@@ -181,8 +192,23 @@ impl<R: Real> Plant<R> {
             weight: self.weight,
             resistance: [right.1, left.1, right.2, left.2],
             torque: [right.3, left.3],
+            friction: if geometry.is_the_papers() { [R::constant(-0.0); 2] } else { self.rubbing(&motion.p) },
             external: *force,
         }
+    }
+
+    /// The dry friction of the joints, -f z-dot / sqrt(z-dot^2 + v^2): Coulomb's law with the square root of Wriggers,
+    /// "Computational Contact Mechanics" (2006), in place of its step at z-dot = 0.
+    #[inline(always)]
+    fn rubbing(&self, p: &Coordinates<R>) -> [R; 2] {
+        let mut friction = [R::constant(-0.0); 2];
+        if let Some(joints) = &self.joints {
+            for i in 0..2 {
+                let ([most, creep], rate) = (joints[i], p.finger[i]);
+                friction[i] = -(most * (rate / rate.dot2(rate, creep, creep).sqrt()));
+            }
+        }
+        friction
     }
 
     /// Gravity's torque on a finger, the resistances of d_n and d_t, and the controller's torque. In a loop over both sides
@@ -306,7 +332,10 @@ impl<R: Real> Plant<R> {
     ) -> [R; 2] {
         let [right, left] = &geometry.contacts;
         let [h1, h2, n1, n2] = *multipliers;
-        let couples = geometry.couples([forces.elastic[0].tilt, forces.elastic[1].tilt]).1;
+        let mut couples = geometry.couples([forces.elastic[0].tilt, forces.elastic[1].tilt]).1;
+        if !geometry.is_the_papers() {
+            couples = [couples[0] + forces.friction[0], couples[1] + forces.friction[1]];
+        }
         let others = [
             (forces.finger_gravity[0] + couples[0]) + right.torque([h1, n1]),
             (forces.finger_gravity[1] + couples[1]) + left.torque([h2, n2]),
@@ -322,9 +351,10 @@ impl<R: Real> Forces<R> {
     #[inline(always)]
     pub fn total(&self, geometry: &Geometry<R, impl Parts>) -> Coordinates<R> {
         let ([right, left], [mut x, mut y, moment]) = (&self.elastic, self.external);
-        let (object, finger) = geometry.couples([right.tilt, left.tilt]);
+        let (object, mut finger) = geometry.couples([right.tilt, left.tilt]);
         if !geometry.is_the_papers() {
             (x, y) = (x + object[0], y + object[1]);
+            finger = [finger[0] + self.friction[0], finger[1] + self.friction[1]];
         }
         let [normal1, normal2, tangential1, tangential2] = self.resistance;
         Coordinates {
@@ -339,7 +369,7 @@ impl<R: Real> Forces<R> {
     }
 
     /// The powers whose integrals are the works of the ledger: of the torques, of the external forces, of the
-    /// viscous loss (from `drags`) and of the stabilisation.
+    /// losses of tips (from `drags`) and joints, and of the stabilisation.
     #[inline(always)]
     pub fn powers(
         &self,
@@ -352,10 +382,14 @@ impl<R: Real> Forces<R> {
         let external = dot(&self.external, &p.object);
         let normal = drags[0].dot2(p.compression[0], drags[1], p.compression[1]);
         let tangential = drags[2].dot2(p.shear[0], drags[3], p.shear[1]);
+        let mut lost = normal + tangential;
+        if !geometry.is_the_papers() {
+            lost = lost - self.friction[0].dot2(p.finger[0], self.friction[1], p.finger[1]);
+        }
         [
             self.torque[0].dot2(p.finger[0], self.torque[1], p.finger[1]),
             external,
-            normal + tangential,
+            lost,
             multipliers[0].dot2(drift[0], multipliers[1], drift[1])
                 + multipliers[2].dot2(drift[2], multipliers[3], drift[3]),
         ]

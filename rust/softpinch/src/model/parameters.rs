@@ -146,7 +146,7 @@ record! {
 
 record! {
     /// The numbers of mechanisms that a link of [`Finger`] lacks.
-    Mechanism, 4 {
+    Mechanism, 7 {
         /// The number of the `MechanismKind`.
         kind: Kind = 0.0,
         /// Y_0, the height of a jaw's tip at the coordinate zero, m.
@@ -155,6 +155,12 @@ record! {
         direction: Finite = 0.0,
         /// phi_0, the angle of the tip's base to the upright, for mechanisms that do not turn it, rad.
         angle: Finite = 0.0,
+        /// Whether the joint has dry friction: 1, or 0.
+        rubs: Kind = 0.0,
+        /// f, the torque of this friction in a quick motion, N m; a jaw's force, N.
+        joint_friction: NonNegative = 0.0,
+        /// v, the rate at which it is f / sqrt(2), rad/s; of a jaw m/s.
+        creep_rate: Positive = 0.01,
     }
 }
 
@@ -214,7 +220,7 @@ record! {
 pub const PAPERS: usize = 38;
 
 /// Number of parameters that describe the physics of a scene.
-pub const PARAMETER_COUNT: usize = PAPERS + 38 + 2 * (WEIGHTS + 2 * BRANCHES);
+pub const PARAMETER_COUNT: usize = PAPERS + 44 + 2 * (WEIGHTS + 2 * BRANCHES);
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -336,12 +342,13 @@ impl Parameters {
         Counterface::of(self.shapes[i].counterface)
     }
 
-    /// Whether mechanisms, sides and laws of the tips are the paper's.
+    /// Whether mechanisms, sides and laws of the tips are the paper's, and joints without friction.
     #[inline]
     pub fn has_the_papers_parts(&self) -> bool {
         (0..2).all(|i| {
             let Law { kind: law, branches, .. } = self.laws[i];
-            [self.mechanisms[i].kind, self.shapes[i].kind, law, branches] == [0.0; 4]
+            let Mechanism { kind, rubs, .. } = self.mechanisms[i];
+            [kind, rubs, self.shapes[i].kind, law, branches] == [0.0; 5]
         })
     }
 
@@ -355,6 +362,7 @@ impl Parameters {
     pub(crate) fn of_the_kinds(mut self, other: &Self) -> Self {
         for i in 0..2 {
             self.mechanisms[i].kind = other.mechanisms[i].kind;
+            self.mechanisms[i].rubs = other.mechanisms[i].rubs;
             self.shapes[i].kind = other.shapes[i].kind;
             self.shapes[i].counterface = other.shapes[i].counterface;
             self.laws[i].kind = other.laws[i].kind;

@@ -11,7 +11,7 @@ use crate::model::{Fingers, MechanismKind, Parameters, ShapeKind};
 /// derivatives of (5), which are largest at d_n = a and theta_p = 0 as long as the contact has not reached the rim of
 /// the hemisphere. Its largest eigenvalue is at most the sum of the diagonal of M^-1 K over the coordinates that one
 /// tip moves. The integral of (39) adds at most the cube root of K_I / I_i, a Maxwell
-/// branch its own rate and the stiffness that it has at once.
+/// branch its own rate and the stiffness that it has at once. Dry friction of a joint damps by f / v at most.
 pub fn fastest_rate(parameters: &Parameters, fingers: Fingers) -> f64 {
     let Parameters { tips, grasped, control, .. } = parameters;
     let inertias = parameters.masses().finger;
@@ -33,6 +33,8 @@ pub fn fastest_rate(parameters: &Parameters, fingers: Fingers) -> f64 {
         damping = damping.max(tip.normal_viscosity / tip.normal_mass);
         damping = damping.max(tip.tangential_viscosity / tip.tangential_mass);
         if fingers != Fingers::Driven {
+            let joint = &parameters.mechanisms[i];
+            damping = damping.max(joint.rubs * joint.joint_friction / (joint.creep_rate * inertia));
             let turn = if parameters.mechanism(i) == MechanismKind::OneLink { 1.0 } else { 0.0 };
             let by_finger = turn + curvature * parameters.lever(i);
             alone += tilt * by_finger * by_finger / inertia;

@@ -65,7 +65,7 @@ fn arc(radius: f64, [center_x, center_y]: [f64; 2]) -> Shape {
 }
 
 fn jaw(direction: f64, angle: f64) -> Mechanism {
-    Mechanism { kind: MechanismKind::Jaw.number(), height: 0.075, direction, angle }
+    Mechanism { kind: MechanismKind::Jaw.number(), height: 0.075, direction, angle, ..Mechanism::default() }
 }
 
 fn parallelogram(angle: f64) -> Mechanism {
