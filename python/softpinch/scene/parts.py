@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -34,10 +34,7 @@ JOINT = ("joint_friction", "creep_rate")  # of dry friction
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism(Kinded):
-    """Base class of the mechanisms beside `Finger`, with its `joint_friction` and `creep_rate`."""
-
-    joint_friction: float | None = field(default=None, kw_only=True)
-    creep_rate: float | None = field(default=None, kw_only=True)
+    """Base class of the mechanisms beside `Finger`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,7 +43,7 @@ class Jaw(Mechanism):
 
     Its coordinate is the travel towards the object, m; its torque is a force, N, and its gains are
     in N/m, N s/m and N/(m s). At the travel zero the tip's centre is at `root_offset` less
-    `half_thickness` from the middle of the hand. Its `joint_friction` is in N, `creep_rate` in m/s.
+    `half_thickness` from the middle of the hand.
 
     Attributes:
         root_offset: From the middle of the hand to the jaw's middle, m.
@@ -55,6 +52,7 @@ class Jaw(Mechanism):
         height: Y_0, the height of the tip's centre above the hand's origin, m.
         direction: gamma, the direction of travel, upwards from that to the middle, rad.
         angle: phi_0, the angle of the tip's base to the upright, rad.
+        joint_friction: As of `Finger`, N; and `creep_rate`, m/s.
     """
 
     root_offset: float = 0.049
@@ -63,6 +61,8 @@ class Jaw(Mechanism):
     height: float = 0.0762
     direction: float = 0.0
     angle: float = 0.0
+    joint_friction: float | None = None
+    creep_rate: float | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,6 +78,7 @@ class Parallelogram(Mechanism):
         mass: M_i, as of `Finger`, kg.
         inertia: I_i, in the coordinate, kg m^2.
         angle: phi_0, the angle of the tip's base to the upright, rad.
+        joint_friction: As of `Finger`, N m; and `creep_rate`, rad/s.
     """
 
     length: float = 0.0762
@@ -86,6 +87,8 @@ class Parallelogram(Mechanism):
     mass: float = 0.1
     inertia: float = 5.8e-4
     angle: float = 0.0
+    joint_friction: float | None = None
+    creep_rate: float | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
