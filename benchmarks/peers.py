@@ -37,7 +37,7 @@ MISSING: dict[str, str] = {}
 def _optional(name: str) -> Any:
     try:
         return import_module(name)
-    except ImportError as reason:
+    except (ImportError, AttributeError) as reason:  # numbalsoda needs Numba's compiler
         absent = isinstance(reason, ModuleNotFoundError) and reason.name == name
         MISSING[name] = "not installed" if absent else str(reason)
         return None
