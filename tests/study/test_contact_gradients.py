@@ -8,17 +8,10 @@ import pytest
 
 import softpinch as sp
 from random_pinches import random_pinch
+from study import test_gradients
 from unilateral_scenes import gripped, regripped
 
-SUMMARIES = (
-    "final_state",
-    "peak_rotation",
-    "min_compression",
-    "peak_friction_angle",
-    "peak_friction_ratio",
-    "peak_torque",
-    "margin",
-)
+SUMMARIES = (*test_gradients.SUMMARIES, "margin")
 STIFFNESS, MASS, FRICTION = "hand.tip.right.youngs_modulus", "grasped.mass", "friction.left"
 HEIGHT = "grasped.height"
 RUNS = 40
