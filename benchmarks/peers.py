@@ -34,16 +34,17 @@ _MOST_STEPS = 10_000_000
 MISSING: dict[str, str] = {}
 
 
-def _optional(name: str) -> Any:
+def _optional(name: str, *also: type[Exception]) -> Any:
     try:
         return import_module(name)
-    except (ImportError, AttributeError) as reason:  # numbalsoda needs Numba's compiler
+    except (ImportError, *also) as reason:
         absent = isinstance(reason, ModuleNotFoundError) and reason.name == name
         MISSING[name] = "not installed" if absent else str(reason)
         return None
 
 
-numbalsoda = _optional("numbalsoda")
+# It needs Numba's compiler, which may be off.
+numbalsoda = _optional("numbalsoda", AttributeError)
 sksundae = _optional("sksundae")
 heyoka, diffrax, jax = (_optional(name) for name in ("heyoka", "diffrax", "jax"))
 numba_model = _optional("numba_model") if _optional("numba") else None
