@@ -67,16 +67,15 @@ def require_gains(scene: Scene, path: str) -> None:
 def resolve(scene: Scene, path: str) -> Any:
     """Returns the value at a path, or 0.0 for an optional number that is None."""
     node, where = locate(scene, path)
-    shown = checks.shown(path)
     steps = path.split(".")
     if where.startswith("State.contact"):
         modes = f"the modes of contacts, {where}, are shared by all runs"
         why = "without them they follow from each run's own initial.q and initial.p"
-        raise ValueError(f"vary: {shown}: {modes}; {why}")
+        raise ValueError(f"vary: {checks.shown(path)}: {modes}; {why}")
     if steps == _FRICTION and isinstance(node, tuple):
         node = node[0]
     if reason := why_fixed(scene, path):
-        raise ValueError(f"vary: {shown}: {reason}")
+        raise ValueError(f"vary: {checks.shown(path)}: {reason}")
     if node is None and (steps[-1] in _OPTIONAL or steps[:-1] == _FRICTION):
         return 0.0
     number = isinstance(node, float | np.floating) or (
@@ -85,10 +84,12 @@ def resolve(scene: Scene, path: str) -> Any:
         and all(isinstance(item, float | np.floating | np.ndarray) for item in node)
     )
     if not number or _COUNTS & set(steps):
-        raise ValueError(f"vary: {shown}: {where} is not a number, a pair or an array of numbers")
+        raise ValueError(
+            f"vary: {checks.shown(path)}: {where} is not a number, a pair or an array of numbers"
+        )
     if steps[0] == "disturbances" and not all(step.isdecimal() for step in steps[3:]):
         rule = "can differ between runs, not those of records inside it"
-        raise ValueError(f"vary: {shown}: only a disturbance's own fields {rule}")
+        raise ValueError(f"vary: {checks.shown(path)}: only a disturbance's own fields {rule}")
     return node
 
 
@@ -96,36 +97,36 @@ def locate(scene: Scene, path: str) -> tuple[Any, str]:
     """Returns the value at a path, also a record or a text, and its place for error messages."""
     if not isinstance(path, str):
         raise TypeError(f'vary: {checks.shown(path)}: must be a path such as "grasped.mass"')
-    shown = checks.shown(path)
     node: Any = scene
     where = "Scene"
-    steps = path.split(".")
+    steps, pairs = path.split("."), shared_fields(scene)
     for k, name in enumerate(steps):
-        sided = steps[:k] in shared_fields(scene)
+        sided = steps[:k] in pairs
         if sided and name in SIDES:
             # Otherwise one record of both fingers, or one number of both contacts.
             if isinstance(node, tuple):
                 node = node[SIDES.index(name)]
             where = f"{where}.{name}"
         elif isinstance(node, Record):
-            names = [f.name for f in fields(node)]
-            if name not in names:
-                lacks = f"{where} has no field {checks.shown(name)}"
-                known = f"it has {checks.quoted(names)}{_hint(scene, path)}"
-                raise ValueError(f"vary: {shown}: {lacks}; {known}")
+            if name not in node.__dataclass_fields__:
+                lacks = f"{checks.shown(path)}: {where} has no field {checks.shown(name)}"
+                known = f"it has {checks.quoted([f.name for f in fields(node)])}"
+                raise ValueError(f"vary: {lacks}; {known}{_hint(scene, path)}")
             node, where = getattr(node, name), type(node).__name__ + "." + name
         elif sided and isinstance(node, tuple):
             rule = f"it has {checks.quoted(SIDES)}, not {checks.shown(name)}{_hint(scene, path)}"
-            raise ValueError(f"vary: {shown}: {where} is a pair; {rule}")
+            raise ValueError(f"vary: {checks.shown(path)}: {where} is a pair; {rule}")
         elif isinstance(node, tuple | np.ndarray) and name in map(str, range(len(node))):
             node, where = node[int(name)], f"{where}.{name}"
         elif isinstance(node, tuple | np.ndarray):
             places = f"has 0 to {len(node) - 1}" if len(node) > 1 else "has one entry, 0"
             lacks = f"{places}, not" if len(node) else "is empty, so there is no"
-            raise ValueError(f"vary: {shown}: {where} {lacks} {checks.shown(name)}")
+            raise ValueError(f"vary: {checks.shown(path)}: {where} {lacks} {checks.shown(name)}")
         else:
             start = "; give it a State, such as scene.start()" if where == "Scene.initial" else ""
-            raise ValueError(f"vary: {shown}: {where} = {checks.shown(node)} has no parts{start}")
+            raise ValueError(
+                f"vary: {checks.shown(path)}: {where} = {checks.shown(node)} has no parts{start}"
+            )
     return node, where
 
 
@@ -178,7 +179,7 @@ def replaced(node: Any, tree: Any) -> Any:
     if not isinstance(tree, dict):
         return tree
     if isinstance(node, Record):
-        known = {f.name for f in fields(node)}
+        known = node.__dataclass_fields__
         own = {name: replaced(getattr(node, name), tree[name]) for name in tree if name in known}
         # All at once, because some rules relate several fields.
         record = replace(node, **own)
