@@ -55,7 +55,7 @@ class Effort:
     probes: tuple[int, int] = (24, 8)
 
 
-FULL = Effort(rounds=11, seconds=20.0, every=1, search=120.0, within=np.inf)
+FULL = Effort(rounds=7, seconds=8.0, every=1, search=20.0, within=4.0)
 SHORT = Effort(rounds=3, seconds=0.5, every=3, search=1.5, within=2.0, probes=(8, 4))
 SHOWN = Effort(rounds=1, seconds=1.0, every=8, search=1.0, within=np.inf)
 
