@@ -151,7 +151,8 @@ fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<
     let accelerations = piecewise::<2>("motion.acceleration", &accelerations)?.0;
     let (tilts, sines) = (piecewise::<1>("motion.tilt", &tilts)?.0, columns::<5>("motion.sines", &sines)?);
     let motions = accelerations.iter().zip(tilts).zip(sines).map(|((acceleration, tilt), sine)| {
-        Arc::new(HandMotion::new(acceleration.as_ref().clone(), tilt.as_ref().clone(), sine))
+        let (acceleration, tilt) = (acceleration.as_ref().clone(), tilt.as_ref().clone());
+        Arc::new(HandMotion { acceleration, tilt, sine })
     });
     Ok(Part(motions.collect()))
 }

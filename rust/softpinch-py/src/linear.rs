@@ -11,7 +11,6 @@ use softpinch::analysis::{LinearModel, Problem, Setting};
 use softpinch::error::lookup;
 use softpinch::formulation::FORMULATIONS;
 use softpinch::model::Stabilization;
-use softpinch::number::Level;
 
 /// The arrays of a linear model, and the numbers of their axes.
 const ARRAYS: [(&str, usize); 8] =
@@ -39,8 +38,7 @@ pub fn linearize<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let inputs = inputs.of(0, 0.0).map_err(raise)?;
     let formulation = lookup("formulation", formulation, &FORMULATIONS).map_err(raise)?;
-    let level = Level::from_environment().map_err(raise)?;
-    let setting = Setting { formulation, gains: Stabilization { alpha, beta }, level, open_loop, frozen };
+    let setting = Setting { formulation, gains: Stabilization { alpha, beta }, open_loop, frozen };
     let t = entries("t, in numbers,", &t)?;
     let (q, p) = (columns::<9>("q", &q)?, columns::<9>("p", &p)?);
     let memory = integral.as_array();

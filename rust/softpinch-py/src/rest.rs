@@ -15,7 +15,6 @@ use softpinch::analysis::{
 };
 use softpinch::error::lookup;
 use softpinch::model::Rule;
-use softpinch::number::Level;
 use softpinch::stepping::VIOLATIONS;
 
 /// Makes a member of the family of equilibria in a scene from its numbers.
@@ -79,10 +78,7 @@ impl RestScene {
     fn new(parameters: Physics, inputs: &Inputs, time: f64) -> PyResult<Self> {
         Rule::Finite.check("time", time).map_err(raise)?;
         let inputs = inputs.of(0, 0.0).map_err(raise)?.frozen(time);
-        let level = Level::from_environment().map_err(raise)?;
-        let drive = inputs.segment(time);
-        let scene = CoreRestScene::new(level, &parameters.0, inputs.fingers, &drive).map_err(raise)?;
-        Ok(Self(scene))
+        Ok(Self(CoreRestScene::new(&parameters.0, inputs.fingers, &inputs.segment(time))))
     }
 
     /// The equilibrium of a member of the family, near the coordinates `start` if they are given.

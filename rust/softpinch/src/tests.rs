@@ -16,13 +16,12 @@ mod counted;
 mod derivatives;
 mod documents;
 mod operations;
+mod part_motions;
 mod parts;
 
 use crate::driver::simulate::simulate;
 use crate::method::table::Method;
-use crate::model::contact::Side;
 use crate::model::coordinates::{Coordinates, each_coordinate};
-use crate::model::geometry::Geometry;
 use crate::model::inputs::Inputs;
 use crate::model::motion::Motion;
 use crate::model::parameters::{Finger, Fingertip, GraspedObject, Parameters, PidGains};
@@ -114,29 +113,5 @@ fn runs_agree_with_the_specification() {
         let differences = specification::differences(&rows, &run.recording);
         // This comparison fails for NaN as well.
         assert!(differences.iter().all(|&difference| difference <= most), "{method:?}: {differences}");
-    }
-}
-
-/// The products that the kernel writes out are products with the constraint matrix.
-#[test]
-fn the_kernel_multiplies_by_the_constraint_matrix() {
-    let Scene { parameters, initial, .. } = lopsided();
-    let geometry = Geometry::<f64>::of(&Side::both(&parameters), &initial.motion.q, &initial.motion.p);
-    let phi = geometry.constraint_matrix();
-    let close = |found: &[f64], expected: &[f64]| {
-        found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() <= 1e-15)
-    };
-    for k in 0..9 {
-        let mut unit = [0.0; 9];
-        unit[k] = 1.0;
-        assert!(close(&geometry.phi_times(&unit.into()), phi.column(k).as_slice()), "column {k}");
-    }
-    for k in 0..4 {
-        let mut unit = [0.0; 4];
-        unit[k] = 1.0;
-        assert!(
-            close(&geometry.phi_transposed_times(&unit).row(), phi.row(k).transpose().as_slice()),
-            "row {k}"
-        );
     }
 }

@@ -19,12 +19,11 @@
 
 use std::sync::Arc;
 
-use crate::error::Error;
 use crate::model::{
-    Any, Carriage, Constants, Coordinates, Energies, Fingers, FrameMotion, Geometry, HandMotion, Input,
-    Inputs, MechanismKind, Motion, Parameters, Plant, SegmentDrive, ShapeKind, each_coordinate,
+    Any, Constants, Coordinates, Energies, Fingers, FrameMotion, Geometry, HandMotion, Input, Inputs,
+    MechanismKind, Motion, Parameters, Plant, SegmentDrive, ShapeKind, each_coordinate,
 };
-use crate::number::{Dual, LaneKernel, Lanes, Level, MOST, Real, call_four_lanes, signed};
+use crate::number::{Dual, LaneKernel, Lanes, MOST, Real, call_four_lanes, signed};
 use crate::stepping::column;
 
 /// Number of unknowns: the pose (x, y, theta, theta_1, theta_2) and two shears.
@@ -92,7 +91,7 @@ impl<R: Real> Balance<R> {
         let geometry = <Geometry<R>>::constrained(&plant.sides, &mut motion.q, &mut motion.p);
         let q = motion.q;
         let moving = frame.map(|own| plant.loads(own, &input.force, q.object, motion.p.object));
-        let applied = (input, Carriage::Either(moving.as_ref()));
+        let applied = (input, moving.as_ref());
         // Driven fingers are held, so that the torques are left out again below.
         let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, applied);
         // At rest the multipliers balance the resistances of the deformations.
@@ -143,7 +142,6 @@ pub struct RestScene {
     pub(super) input: Input<f64>,
     /// The motion of the hand's frame, in which the scene is at rest; `None` for a hand at rest.
     pub frame: Option<FrameMotion<f64>>,
-    pub(super) level: Level,
     pub(super) plant: Plant<f64>,
 }
 
@@ -162,20 +160,14 @@ pub struct Rows {
 
 impl RestScene {
     /// A scene with these inputs, at the start of a segment.
-    pub fn new(
-        level: Level,
-        parameters: &Parameters,
-        fingers: Fingers,
-        drive: &SegmentDrive,
-    ) -> Result<Self, Error> {
-        Ok(Self {
+    pub fn new(parameters: &Parameters, fingers: Fingers, drive: &SegmentDrive) -> Self {
+        Self {
             fingers,
             input: drive.at(0.0),
             frame: drive.frame.as_ref().map(|frame| frame.at(0.0)),
-            level,
             plant: Plant::called(parameters, fingers, drive.frame.is_some()),
             parameters: *parameters,
-        })
+        }
     }
 
     pub(crate) fn with(&self, parameters: Parameters) -> Self {
@@ -194,10 +186,10 @@ impl RestScene {
         if self.frame.is_some() { moving } else { moving.with(self.parameters) }
     }
 
-    pub(crate) fn inputs(&self) -> Result<Inputs, Error> {
+    pub(crate) fn inputs(&self) -> Inputs {
         let Input { target, force, .. } = self.input;
         let motion = self.frame.map(|frame| Arc::new(HandMotion::constant(&frame)));
-        Ok(Inputs::constant(target, force, self.fingers).with_hand_motion(motion))
+        Inputs::constant(target, force, self.fingers).with_hand_motion(motion)
     }
 
     /// Whether each finger rests at its target, whatever torque that takes.

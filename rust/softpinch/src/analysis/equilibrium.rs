@@ -275,13 +275,12 @@ mod tests {
     use super::*;
     use crate::model::inputs::Inputs;
     use crate::model::motion::Motion;
-    use crate::number::simd::level::Level;
 
     const ANGLE: f64 = 0.105;
 
     fn scene(parameters: &Parameters, target: [f64; 2], force: [f64; 3]) -> RestScene {
         let inputs = Inputs::constant(target, force, Fingers::Pid);
-        RestScene::new(Level::detect(), parameters, Fingers::Pid, &inputs.segment(0.0)).unwrap()
+        RestScene::new(parameters, Fingers::Pid, &inputs.segment(0.0))
     }
 
     #[test]
@@ -351,7 +350,6 @@ mod tests {
         let setting = crate::analysis::linear::Setting {
             formulation: crate::formulation::table::Formulation::Nullspace,
             gains: crate::model::parameters::Stabilization { alpha: 0.0, beta: 0.0 },
-            level: Level::detect(),
             open_loop: false,
             frozen: false,
         };
@@ -360,8 +358,7 @@ mod tests {
             .jacobian();
         let mut rates: Vec<f64> = whole.complex_eigenvalues().iter().map(|rate| rate.re).collect();
         rates.sort_by(|a, b| b.total_cmp(a));
-        let (growth, _) =
-            crate::analysis::linear::growth(Level::detect(), &scene.parameters, &inputs, &motion).unwrap();
+        let (growth, _) = crate::analysis::linear::growth(&scene.parameters, &inputs, &motion).unwrap();
         // The two zeros of the family come before the slowest decay.
         assert!(rates[0].abs() < 1e-6 && rates[1].abs() < 1e-6);
         assert!((growth - rates[2]).abs() < 1e-8 * growth.abs());

@@ -12,7 +12,7 @@ use crate::model::{
     Constants, ContactModel, ContactRow, Coordinates, Fingers, FrameMotion, Geometry, Input, Inputs, Mode,
     Motion, Parameters, Rule, SegmentDrive, Stabilization,
 };
-use crate::number::{Dual, LaneKernel, LaneTask, Lanes, Level, MOST, Real, call_four_lanes, task};
+use crate::number::{Dual, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, task};
 
 /// Number of outputs: the coordinates q (9), the multipliers (4), the torques on the fingers (2), and the rates
 /// of x, y, theta, theta_1 and theta_2 (5).
@@ -27,8 +27,6 @@ pub struct Setting {
     pub formulation: Formulation,
     /// The gains of (19) and (20), for `csm`.
     pub gains: Stabilization,
-    /// The instructions of the computation.
-    pub level: Level,
     /// Whether torques turn the fingers, whatever turns them in the scene. The torques are those of the scene at
     /// the state, so the accelerations there are the scene's.
     pub open_loop: bool,
@@ -96,8 +94,7 @@ impl<'a> Problem<'a> {
         contact: Option<&ContactRow>,
     ) -> Result<Self> {
         Rule::Finite.check("t", t)?;
-        let Setting { formulation, ref gains, level, open_loop, frozen } = *setting;
-        level.require()?;
+        let Setting { formulation, ref gains, open_loop, frozen } = *setting;
         let mut drive = if frozen { inputs.frozen(t).segment(t) } else { inputs.segment(t) };
         let (mut model, mut modes, fingers) = (ContactModel::Bilateral, None, inputs.fingers);
         if let Some(&[right, left, ref tilts @ ..]) = contact {
@@ -243,14 +240,9 @@ impl LaneKernel for Linearized<'_> {
 /// The largest real part of the eigenvalues of the motion about a state at rest, without the two zeros of the family
 /// of equilibria and without branches and memories that drive nothing; and the largest size of an eigenvalue. `None` if the
 /// eigenvalues are not found, because a number overflowed.
-pub fn growth(
-    level: Level,
-    parameters: &Parameters,
-    inputs: &Inputs,
-    motion: &Motion<f64>,
-) -> Option<(f64, f64)> {
+pub fn growth(parameters: &Parameters, inputs: &Inputs, motion: &Motion<f64>) -> Option<(f64, f64)> {
     let (formulation, gains) = (Formulation::Nullspace, Stabilization { alpha: 0.0, beta: 0.0 });
-    let setting = Setting { formulation, gains, level, open_loop: false, frozen: false };
+    let setting = Setting { formulation, gains, open_loop: false, frozen: false };
     let mut a = Problem::new(parameters, inputs, &setting, 0.0, motion, None).ok()?.jacobian();
     let degrees = if inputs.fingers == Fingers::Driven { 3 } else { 5 };
     let shears = 2 * degrees;
@@ -310,7 +302,7 @@ mod tests {
 
     fn setting(formulation: Formulation) -> Setting {
         let gains = Stabilization { alpha: 1000.0, beta: 1000.0 };
-        Setting { formulation, gains, level: Level::detect(), open_loop: false, frozen: false }
+        Setting { formulation, gains, open_loop: false, frozen: false }
     }
 
     /// A grasp whose fingers stand at their targets, with velocities.

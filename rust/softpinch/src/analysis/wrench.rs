@@ -44,11 +44,9 @@ impl Limit {
 /// Whether small motions about an equilibrium grow, beyond round-off.
 fn grows(scene: &RestScene, rest: &Rest) -> bool {
     let q = rest.rows.balance.q;
-    let Ok(inputs) = scene.inputs() else { return true };
     // At rest no memory and no torque changes the derivatives.
     let motion = Motion { q, memory: scene.memory(&rest.rows.balance), ..Motion::zero() };
-    growth(scene.level, &scene.parameters, &inputs, &motion)
-        .is_none_or(|(rate, largest)| rate > GROWTH * largest)
+    growth(&scene.parameters, &scene.inputs(), &motion).is_none_or(|(rate, largest)| rate > GROWTH * largest)
 }
 
 /// What limits the wrench at an equilibrium, if anything does.

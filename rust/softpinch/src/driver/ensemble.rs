@@ -7,11 +7,12 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use crate::driver::threads::share_watched;
-use crate::driver::{Derivatives, RunLoop, require_valid};
+use crate::driver::{Derivatives, require_valid};
 use crate::error::{Error, Result};
 use crate::model::{Fingers, Motion, Scene};
 use crate::stepping::{
-    COUNT, Finished, Grid, Options, Recorder, Run, RunQueue, Status, Steps, Taken, VIOLATIONS, reserved,
+    COUNT, Finished, Grid, Options, Recorder, Run, RunLoop, RunQueue, Status, Steps, Taken, VIOLATIONS,
+    reserved,
 };
 
 /// The result of one run of an ensemble.

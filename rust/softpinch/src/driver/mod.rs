@@ -12,7 +12,6 @@ pub(crate) mod tests;
 mod threads;
 
 pub use ensemble::{Row, derivatives, ensemble};
-pub(crate) use loops::RunLoop;
 pub use sensitivities::{
     COMPONENTS, Derivatives, Direction, DirectionEnd, QUANTITIES, Request, Shift, sensitivities,
 };

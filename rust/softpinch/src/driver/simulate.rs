@@ -2,18 +2,17 @@
 
 use std::borrow::Cow;
 
-use crate::driver::RunLoop;
 use crate::driver::ensemble::whole_run;
 use crate::error::{Error, Result, require};
 use crate::formulation::{Contact, Formulation};
 use crate::method::{METHODS, MakeAdaptiveMethod, Method};
 use crate::model::{
-    ContactModel, Fingers, Mode, Rule, Sampled, Scene, Stabilization, require_consistent, require_held,
-    require_scheduled,
+    BILATERAL_WORKS, CONTACT_WORKS, ContactModel, Fingers, Mode, Rule, Sampled, Scene, Stabilization, WORKS,
+    require_consistent, require_held, require_scheduled,
 };
 use crate::stepping::{
-    Due, Finished, Grid, LaneController, Layout, Options, Recorder, Recording, Run, RunQueue, Span, Steps,
-    Taken, reserved,
+    COLUMNS, Column, Due, Finished, Grid, LaneController, Options, Recordable, Recorder, Recording, Run,
+    RunLoop, RunQueue, Span, Steps, Taken, reserved,
 };
 
 /// Advice for steps that are too long for the gains of the stabilisation; `None` if they are not.
@@ -50,7 +49,7 @@ pub fn simulate(
     // Free steps make the number of rows unknown beforehand.
     let rows = grid.as_ref().map_or(0, |grid| grid.steps / options.every + 2);
     let rows = times.as_ref().map_or(rows, |times| times.len() as u64 + 1);
-    let recording = Recording::with_capacity(options.record, layout(scene, options), rows)?;
+    let recording = Recording::with_capacity(widths(scene, options), rows)?;
     let warning = stability_warning(options, grid.as_ref().map_or(0.0, |grid| grid.longest));
     let due = match &times {
         Some(times) => Due::Times(times),
@@ -89,7 +88,7 @@ pub struct Outline {
 /// Outlines a run. Bad input is the only error.
 pub fn outline(scene: &Scene, options: &Options) -> Result<Outline> {
     let (grid, times) = prepare(scene, options)?;
-    let row = 8 * layout(scene, options).widths(options.record).iter().sum::<usize>() as u64;
+    let row = 8 * widths(scene, options).iter().sum::<usize>() as u64;
     let Scene { inputs, initial, duration, .. } = scene;
     let end = initial.time + duration;
     let (segments, steps) = match grid {
@@ -176,15 +175,37 @@ pub(super) fn adaptive(method: Method) -> Result<MakeAdaptiveMethod> {
     })
 }
 
-/// What the rows of the recording have because of the method and the contacts.
-fn layout(scene: &Scene, options: &Options) -> Layout {
-    Layout {
-        keeps_jacobian: options.method.entry().keeps_jacobian && matches!(options.steps, Steps::Fixed(_)),
-        unilateral: options.contact == ContactModel::Unilateral,
-        moves: scene.inputs.moves(),
-        controller: scene.inputs.sampled.as_ref().map_or(0, |sampled| sampled.controller.width()),
-        relaxation: 4 * scene.parameters.branches(),
-    }
+/// How many numbers a row of the recording has in each column; zero in those that are not recorded.
+fn widths(scene: &Scene, options: &Options) -> [usize; COLUMNS.len()] {
+    let has = |quantity| options.record.contains(quantity);
+    let (state, unilateral) = (has(Recordable::State), options.contact == ContactModel::Unilateral);
+    let keeps_jacobian = options.method.entry().keeps_jacobian && matches!(options.steps, Steps::Fixed(_));
+    let relaxation = 4 * scene.parameters.branches();
+    let works = match (scene.inputs.moves(), unilateral) {
+        (true, _) => WORKS,
+        (false, true) => CONTACT_WORKS,
+        (false, false) => BILATERAL_WORKS,
+    };
+    COLUMNS.map(|(_, column)| {
+        let (recorded, width) = match column {
+            Column::T => (true, 1),
+            Column::GridAnchor | Column::GridStep => (state, 1),
+            Column::Q | Column::P => (state, 9),
+            Column::Memory => (state, 2),
+            Column::Linearized => (state && keeps_jacobian, 21 + relaxation),
+            Column::Relaxation => (state, relaxation),
+            Column::Controller => {
+                (state, scene.inputs.sampled.as_ref().map_or(0, |own| own.controller.width()))
+            }
+            Column::Multipliers => (has(Recordable::Multipliers), 4),
+            Column::Residuals => (has(Recordable::Residuals), 4),
+            Column::Energy => (has(Recordable::Energy), 3 + works),
+            Column::Torque => (has(Recordable::Torque), 2),
+            Column::Contacts => (state && unilateral, 4),
+            Column::Modes => (has(Recordable::Contact), 2),
+        };
+        if recorded { width } else { 0 }
+    })
 }
 
 /// Checks a run. Returns the times of equal steps, and the instants to record if these were asked for.

@@ -10,15 +10,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use crate::driver::require_valid;
 use crate::driver::threads::share;
-use crate::driver::{RunLoop, require_valid};
 use crate::error::{Error, Result, require, require_at_most};
 use crate::formulation::{Contact, System};
 use crate::model::{ContactModel, Held, Motion, Rule, Scene, State};
 use crate::number::MOST;
 use crate::stepping::{
     ContactRun, Finished, Grid, Instant, LaneContact, LaneController, MOST_STEPS, Options, Recorder, Run,
-    RunQueue, Span, Status, Steps, Taken, round_off,
+    RunLoop, RunQueue, Span, Status, Steps, Taken, round_off,
 };
 
 /// Runs that are stepped from outside.
@@ -189,10 +189,9 @@ impl Simulator {
 
 /// What is seen of a run at the end of a period.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs)] // of fields that their types explain
 pub struct Observed {
-    /// Time, s.
     pub t: f64,
-    /// The motion.
     pub motion: Motion<f64>,
     /// Multipliers under the inputs of the period.
     pub multipliers: [f64; 4],
@@ -295,7 +294,6 @@ impl Environment {
     }
 }
 
-/// The multipliers at the initial state of a scene.
 fn multipliers(scene: &Scene, Stepping { options, dt, .. }: &Stepping) -> Result<[f64; 4]> {
     let equations = options.runs(scene).system::<f64>();
     let State { time, motion, .. } = scene.initial;

@@ -4,11 +4,9 @@
 //! formulations. So the code of the paper's contacts has no branch for others, and loops, methods and solves are not
 //! multiplied by their kinds.
 
-use crate::formulation::{Choice, Csm, Equations, Formulation, Unilateral};
-use crate::model::{
-    ContactModel, Contacts, Energies, Geometry, Motion, Others, Plant, Source, Stabilization,
-};
-use crate::number::{LaneTask, Real, inlined, task};
+use crate::formulation::{Equations, Unilateral};
+use crate::model::{Geometry, Motion, Others, Plant};
+use crate::number::{Real, inlined};
 
 #[derive(Debug, Clone, Copy)]
 pub struct AnyParts<R> {
@@ -20,21 +18,6 @@ pub struct AnyParts<R> {
     pub(crate) opens: bool,
 }
 
-task! {
-    ['a, R: Real] EnergiesOf<'a, R>(equations: &'a AnyParts<R>, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
-    for R => Energies<R> = equations.unilateral.energies_of::<Others>(contacts, motion)
-}
-
-impl<R: Real> AnyParts<R> {
-    #[inline(always)]
-    pub(super) fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
-        let plant = Plant::called(source, choice.fingers, choice.moves);
-        let unilateral = Unilateral::new(source, Csm::new(plant, &choice.formulation.gains(gains)));
-        let opens = choice.contact == ContactModel::Unilateral;
-        Self { unilateral, drifts: opens || choice.formulation != Formulation::Nullspace, opens }
-    }
-}
-
 impl<R: Real> Equations<R> for AnyParts<R> {
     type Parts = Others;
     const CALLED: bool = true;
@@ -42,7 +25,8 @@ impl<R: Real> Equations<R> for AnyParts<R> {
     inlined! {
         drifts(&self) -> bool = self.drifts;
         opens(&self) -> bool = self.opens;
-        unilateral(&self) -> Option<&Unilateral<R>> = Some(&self.unilateral);
+        friction(&self) -> Option<[R; 2]> = Some(self.unilateral.friction);
+        bias(&self, geometry: &Geometry<R, Others>) -> [R; 4] = self.unilateral.csm.gamma(geometry);
         plant(&self) -> &Plant<R> = &self.unilateral.csm.plant;
     }
 
@@ -54,10 +38,5 @@ impl<R: Real> Equations<R> for AnyParts<R> {
         } else {
             Geometry::constrained(sides, &mut motion.q, &mut motion.p)
         }
-    }
-
-    #[inline(always)]
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        R::outlined(EnergiesOf { equations: self, contacts, motion })
     }
 }

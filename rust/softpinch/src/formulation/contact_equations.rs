@@ -1,8 +1,8 @@
 //! The equations of unilateral contact as the search for events uses them: for one run.
 
 use crate::formulation::impact::{Impact, impact};
-use crate::formulation::{Equations, Terms, Unilateral};
-use crate::model::{Any, Carriage, Contacts, Coordinates, Geometry, Input, Motion, Plant, SegmentFrame};
+use crate::formulation::{ContactJump, Equations, Terms, Unilateral};
+use crate::model::{Any, Contacts, Coordinates, Geometry, Input, Motion, Plant, SegmentFrame};
 use crate::number::{LaneTask, Real, inlined, task};
 
 /// The equations of one run with unilateral contact, whatever its parts.
@@ -24,8 +24,8 @@ task! {
         if let Some(frame) = &at.frame {
             moving = Some(plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
         }
-        let applied = (input, Carriage::Either(moving.as_ref()));
-        at.equations.terms_of(plant.driven, applied, contacts, motion, Geometry::<f64>::of(&plant.sides, q, p))
+        let applied = (input, moving.as_ref());
+        Equations::terms(at, plant.driven, applied, contacts, motion, Geometry::of(&plant.sides, q, p))
     }
 }
 task! {
@@ -33,6 +33,11 @@ task! {
     Collision<'a>(equations: &'a Unilateral<f64>, geometry: &'a Geometry<f64>, p: &'a Coordinates,
         closed: [bool; 2], impulse: [f64; 3])
     for f64 => Impact = impact(geometry, equations.plant(), p, (closed, equations.friction), impulse)
+}
+task! {
+    ['a]
+    Jump<'a>(equations: &'a Unilateral<f64>, jump: ContactJump, motion: &'a mut Motion<f64>)
+    for f64 => () = jump.apply::<f64, Any>(equations, motion, &[0.0; 3])
 }
 task! {
     /// Computes the part of the constraints' accelerations that the coordinates' accelerations make.
@@ -45,8 +50,8 @@ impl Equations<f64> for ContactEquations<'_> {
 
     inlined! {
         opens(&self) -> bool = true;
-        unilateral(&self) -> Option<&Unilateral<f64>> = Some(self.equations);
-        relaxations(&self) -> usize = 4 * self.plant().branches;
+        friction(&self) -> Option<[f64; 2]> = Some(self.equations.friction);
+        bias(&self, geometry: &Geometry<f64>) -> [f64; 4] = self.equations.csm.gamma(geometry);
         plant(&self) -> &Plant<f64> = self.equations.plant();
     }
 }
@@ -73,6 +78,11 @@ impl<'a> ContactEquations<'a> {
         f64::outlined(Collision { equations, geometry, p, closed, impulse })
     }
 
+    /// Lets a part of an event other than an impact happen to a motion.
+    pub fn jump(&self, jump: ContactJump, motion: &mut Motion<f64>) {
+        f64::outlined(Jump { equations: self.equations, jump, motion });
+    }
+
     /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.
     pub fn swept(&self, terms: &Terms<f64>) -> [f64; 4] {
         f64::outlined(Swept { terms })
@@ -81,9 +91,5 @@ impl<'a> ContactEquations<'a> {
     /// theta_p of both tips.
     pub fn tilts(&self, q: &Coordinates) -> [f64; 2] {
         std::array::from_fn(|i| self.plant().sides[i].tilt::<Any>(i, q).0)
-    }
-
-    pub fn friction(&self) -> [f64; 2] {
-        self.equations.friction
     }
 }

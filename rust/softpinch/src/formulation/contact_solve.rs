@@ -41,10 +41,25 @@ pub struct Response<R> {
     pub pivots: [R; 4],
 }
 
+impl<R: Real> Response<R> {
+    /// `with` in the lanes of `bits`, this one in all other lanes.
+    #[inline(always)]
+    pub(super) fn replaced(mut self, bits: u8, with: &Self) -> Self {
+        for k in 0..4 {
+            self.multipliers[k] = R::select(bits, with.multipliers[k], self.multipliers[k]);
+            self.pivots[k] = R::select(bits, with.pivots[k], self.pivots[k]);
+        }
+        for k in 0..2 {
+            self.share[k] = R::select(bits, with.share[k], self.share[k]);
+        }
+        self.acceleration = Coordinates::select(bits, &with.acceleration, &self.acceleration);
+        self
+    }
+}
+
 /// Two rows (H, N) of the system with the columns of one finger.
 type Block<R> = [[R; 2]; 2];
 
-/// `a` in the lanes of `bits`, `b` in all other lanes.
 #[inline(always)]
 fn select_block<R: Real>(bits: u8, a: &Block<R>, b: &Block<R>) -> Block<R> {
     let mut block = *b;
@@ -66,8 +81,8 @@ pub fn response<R: Real, P: Parts>(
     load: &Load<R>,
 ) -> Response<R> {
     let solve = Solve { driven, geometry, plant, contacts, load };
-    // Other parts, and numbers with derivatives, have one piece of code for all uses.
-    if P::OTHERS || R::ORDER > 0 { R::outlined(solve) } else { solve.run() }
+    // Only the steps of the paper's parts have it inlined.
+    if P::PAPERS && R::ORDER == 0 { solve.run() } else { R::outlined(solve) }
 }
 
 task! {

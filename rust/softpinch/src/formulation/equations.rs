@@ -3,10 +3,11 @@
 
 use std::fmt::Debug;
 
-use crate::formulation::{Response, Unilateral, constrained};
+use crate::formulation::contact_solve::Load;
+use crate::formulation::{Response, constrained, response};
 use crate::model::{
-    Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, Energies, Forces, Geometry, Input,
-    Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
+    Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, ElasticGradient, Energies, Forces,
+    Geometry, Input, Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
 };
 use crate::number::{LaneTask, Real, dot, inlined, task};
 
@@ -125,8 +126,8 @@ pub trait Equations<R: Real>: Copy + Debug {
         opens(&self) -> bool = false;
         /// The bias b of the constraints on the accelerations, Phi a = -b, while both tips stick.
         bias(&self, geometry: &Geometry<R, Self::Parts>) -> [R; 4] = geometry.bias();
-        /// The equations with modes of the contacts, if these are such.
-        unilateral(&self) -> Option<&Unilateral<R>> = None;
+        /// The coefficients of friction, if the contacts have modes.
+        friction(&self) -> Option<[R; 2]> = None;
         /// Number of works of the ledger, without that of the hand's motion.
         works(&self) -> usize = if self.opens() { CONTACT_WORKS } else { BILATERAL_WORKS };
         /// Number of coordinates that are states with their rates: the object's, those of fingers that the schedule does not
@@ -145,7 +146,7 @@ pub trait Equations<R: Real>: Copy + Debug {
 
     inlined! {
         /// Number of states of Maxwell branches.
-        relaxations(&self) -> usize = if Self::Parts::OTHERS { 4 * self.plant().branches } else { 0 };
+        relaxations(&self) -> usize = if Self::Parts::PAPERS { 0 } else { 4 * self.plant().branches };
         /// The place of the state's coordinate `n` among all nine.
         place(&self, driven: bool, n: usize) -> usize = if driven && n >= 3 { n + 2 } else { n };
     }
@@ -212,7 +213,7 @@ pub trait Equations<R: Real>: Copy + Debug {
         Geometry::of(&self.plant().sides, &motion.q, &motion.p)
     }
 
-    /// All terms of (24) at one state.
+    /// All terms of (24) at one state, in the modes of the contacts.
     #[inline(always)]
     fn terms(
         &self,
@@ -222,29 +223,45 @@ pub trait Equations<R: Real>: Copy + Debug {
         motion: &Motion<R>,
         geometry: Geometry<R, Self::Parts>,
     ) -> Terms<R, Self::Parts> {
-        if let Some(own) = self.unilateral() {
-            return own.terms_of(driven, applied, contacts, motion, geometry);
+        let (plant, friction) = (self.plant(), self.friction());
+        let mut elastic = plant.elastic(&geometry, &motion.q);
+        let couple = [elastic[0].tilt, elastic[1].tilt];
+        let special = if friction.is_some() { contacts.special() } else { 0 };
+        if special != 0 {
+            elastic = released::<R, Self::Parts>(plant, contacts, elastic, &motion.q);
         }
-        let plant = self.plant();
-        let elastic = plant.elastic(&geometry, &motion.q);
+        if let Some(tips) = plant.relaxing::<Self::Parts>(motion, false) {
+            for i in 0..2 {
+                let [normal, tangential] = tips[i].resistance;
+                elastic[i].normal = elastic[i].normal + normal;
+                elastic[i].tangential = elastic[i].tangential + tangential;
+            }
+        }
         let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
-        let finger_acceleration = &applied.0.target_acceleration;
-        let found = constrained(
-            driven,
-            &geometry,
-            plant,
-            &forces.total(&geometry),
-            &self.bias(&geometry),
-            finger_acceleration,
-        );
-        if driven {
-            forces.torque = plant.driving_torque(&geometry, &forces, finger_acceleration, &found.multipliers);
+        let (force, bias) = (forces.total(&geometry), self.bias(&geometry));
+        let finger_acceleration = applied.0.target_acceleration;
+        let mut found = constrained(driven, &geometry, plant, &force, &bias, &finger_acceleration);
+        if let Some(friction) = friction
+            && special != 0
+        {
+            let load = Load { force, couple, friction, bias, finger_acceleration };
+            found = found.replaced(special, &response(driven, &geometry, plant, contacts, &load));
         }
-        let couple = [forces.elastic[0].tilt, forces.elastic[1].tilt];
+        if driven {
+            if friction.is_some() {
+                for i in 0..2 {
+                    let part = found.share[i] * couple[i];
+                    forces.elastic[i].tilt = R::select(contacts.graze[i], part, forces.elastic[i].tilt);
+                }
+            }
+            forces.torque =
+                plant.driving_torque(&geometry, &forces, &finger_acceleration, &found.multipliers);
+        }
         Terms { geometry, forces, response: found, couple }
     }
 
-    /// The powers whose integrals are the works of the ledger.
+    /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a
+    /// tip grazes, its tilt changes (5) by tau theta_p-dot, but only the part psi of its couple acts.
     #[inline(always)]
     fn powers(
         &self,
@@ -252,14 +269,26 @@ pub trait Equations<R: Real>: Copy + Debug {
         contacts: &Contacts<R>,
         motion: &Motion<R>,
     ) -> [R; CONTACT_WORKS] {
-        if let Some(own) = self.unilateral() {
-            return own.powers_of(terms, contacts, motion);
+        let Terms { geometry, forces, response, couple } = terms;
+        let (plant, p, zero) = (self.plant(), &motion.p, R::zero());
+        let (mut held, mut friction, mut relaxation) = (response.multipliers, zero, zero);
+        if self.friction().is_some() {
+            let drift = geometry.constraint_velocity();
+            for i in 0..2 {
+                let slip = contacts.slip(i);
+                held[2 + i] = R::select(slip, zero, held[2 + i]);
+                let loss = -(response.multipliers[2 + i] * drift[2 + i]);
+                friction = friction + R::select(slip, loss, zero);
+                let rate = geometry.contacts[i].tilt_rate;
+                let gain = ((R::constant(1.0) - response.share[i]) * couple[i]) * rate;
+                relaxation = relaxation + R::select(contacts.graze[i], gain, zero);
+            }
         }
-        let (Terms { geometry, forces, response, .. }, p) = (terms, &motion.p);
-        let mut powers = [R::zero(); CONTACT_WORKS];
-        let own = forces.powers(geometry, &self.plant().drags(p), p, &response.multipliers);
-        powers[..BILATERAL_WORKS].copy_from_slice(&own);
-        powers
+        let [control, external, mut viscous, constraint] = forces.powers(geometry, &plant.drags(p), p, &held);
+        if let Some([right, left]) = plant.relaxing::<Self::Parts>(motion, true) {
+            viscous = (viscous + right.lost) + left.lost;
+        }
+        [control, external, viscous, constraint, friction, zero, relaxation]
     }
 
     /// Derivative and multipliers of the state `y` under the inputs of the instant.
@@ -315,10 +344,55 @@ pub trait Equations<R: Real>: Copy + Debug {
 
     #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        match self.unilateral() {
-            Some(own) => own.energies_of::<Self::Parts>(contacts, motion),
-            None => self.plant().energies::<Self::Parts>(&motion.q, &motion.p),
+        let work = EnergiesOf { equations: self, contacts, motion };
+        if Self::CALLED { R::outlined(work) } else { work.run() }
+    }
+}
+
+/// The gradients of (5) in the modes of the contacts: with frozen tilts where tips are free, and without
+/// the couples of tips that graze or are free.
+#[inline(always)]
+fn released<R: Real, P: Parts>(
+    plant: &Plant<R>,
+    contacts: &Contacts<R>,
+    mut elastic: [ElasticGradient<R>; 2],
+    q: &Coordinates<R>,
+) -> [ElasticGradient<R>; 2] {
+    for i in 0..2 {
+        let (sin, cos) = contacts.frozen_tilt[i].sin_cos();
+        let frozen = plant.tips[i].gradient::<P>([sin, cos, q.compression[i], q.shear[i]]);
+        let (free, live) = (contacts.free[i], elastic[i]);
+        elastic[i] = ElasticGradient {
+            tilt: R::select(contacts.unloaded(i), R::zero(), live.tilt),
+            normal: R::select(free, frozen.normal, live.normal),
+            tangential: R::select(free, frozen.tangential, live.tangential),
+        };
+    }
+    elastic
+}
+
+task! {
+    /// Computes the energies of a motion. The elastic energy of a free tip is that at its frozen tilt.
+    ['a, R: Real, E: Equations<R>]
+    EnergiesOf<'a, R, E>(equations: &'a E, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
+    for R => Energies<R> = {
+        let (plant, Motion { q, p, .. }) = (equations.plant(), motion);
+        let mut energies = plant.energies::<E::Parts>(q, p);
+        if let Some([right, left]) = plant.relaxing::<E::Parts>(motion, true) {
+            energies.elastic = (energies.elastic + right.stored) + left.stored;
         }
+        if equations.friction().is_some() && contacts.free[0] | contacts.free[1] != 0 {
+            for i in 0..2 {
+                let (_, sin, cos) = plant.sides[i].tilt::<E::Parts>(i, q);
+                let (frozen_sin, frozen_cos) = contacts.frozen_tilt[i].sin_cos();
+                let (d_n, d_t) = (q.compression[i], q.shear[i]);
+                let live = plant.tips[i].energy::<E::Parts>([sin, cos, d_n, d_t]);
+                let frozen = plant.tips[i].energy::<E::Parts>([frozen_sin, frozen_cos, d_n, d_t]);
+                let gain = R::select(contacts.free[i], frozen - live, R::zero());
+                energies.elastic = energies.elastic + gain;
+            }
+        }
+        energies
     }
 }
 
@@ -351,7 +425,7 @@ pub(super) fn evaluated<R: Real, E: Equations<R>>(
         for_fingers!(driven, driven => {
             let states = equations.states(driven);
             rate[states..states + equations.works()].copy_from_slice(&powers[..equations.works()]);
-            if let Some(moving) = moving.loads() {
+            if let Some(moving) = moving {
                 let (fingers, turns) = (&terms.forces.finger_gravity, &motion.p.finger);
                 rate[states + work::EXTERNAL] = moving.external;
                 rate[states + equations.works()] = dot(&moving.object, &motion.p.object)

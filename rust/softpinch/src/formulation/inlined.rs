@@ -5,7 +5,7 @@
 
 use crate::formulation::scene_equations::{evaluate_into, rates_into, size_of};
 use crate::formulation::{Equations, Evaluation, SceneEquations, Size, StageState, States, System};
-use crate::model::{Carriage, Input, SegmentDrive};
+use crate::model::{Input, SegmentDrive};
 use crate::number::{Lanes, inlined};
 
 /// The equations without the ledger, inlined wherever their rates are needed instead of called. That there is no
@@ -21,12 +21,12 @@ impl<R: Lanes, E: Equations<R>, const DRIVEN: bool> System<R> for Inlined<'_, R,
     inlined! {
         size(&self) -> Size = size_of(self.equations, DRIVEN, false);
         rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) -> () =
-            rates_into(self.equations, (DRIVEN, false), ((input, Carriage::AtRest), &drive.contacts), at, rate);
+            rates_into(self.equations, (DRIVEN, false), ((input, None), &drive.contacts), at, rate);
     }
 
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         let input = drive.at(tau);
-        evaluate_into(self.equations, (DRIVEN, false), ((&input, Carriage::AtRest), &drive.contacts), y, now);
+        evaluate_into(self.equations, (DRIVEN, false), ((&input, None), &drive.contacts), y, now);
     }
 }

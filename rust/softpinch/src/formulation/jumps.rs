@@ -21,7 +21,6 @@ pub enum ContactJump {
 }
 
 impl ContactJump {
-    /// Lets it happen to a motion.
     #[inline(always)]
     pub fn apply<R: Lanes, P: Parts>(
         &self,

@@ -59,7 +59,6 @@ impl Contact {
         [right.signed_code(), left.signed_code(), right.frozen_tilt, left.frozen_tilt]
     }
 
-    /// The code of the contact in a row.
     fn signed_code(&self) -> f64 {
         let sign = self.slip.map_or(1.0, Slip::sign);
         match self.mode {
@@ -178,7 +177,8 @@ fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2],
     if !(oriented && sound) {
         return f64::NEG_INFINITY;
     }
-    let (masses, friction) = (equations.plant().masses.compression, equations.friction());
+    let masses = equations.plant().masses.compression;
+    let friction = equations.friction().unwrap_or([f64::INFINITY; 2]);
     let (acceleration, multipliers) = (&terms.response.acceleration, &terms.response.multipliers);
     let (swept, bias) = (equations.swept(terms), terms.geometry.bias());
     let own = |i: usize| {

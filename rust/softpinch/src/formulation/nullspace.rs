@@ -12,7 +12,7 @@ use crate::number::{Real, inlined};
 
 #[derive(Debug, Clone, Copy)]
 pub struct Nullspace<R> {
-    pub(super) plant: Plant<R>,
+    pub(crate) plant: Plant<R>,
 }
 
 impl<R: Real> Equations<R> for Nullspace<R> {

@@ -9,11 +9,11 @@
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
 use crate::formulation::{
-    AnyParts, ApplyJump, ContactEquations, ContactJump, Csm, Equations, Evaluation, Formulation, Inlined,
-    MAX_COMPONENTS, Size, StageState, Stages, States, System, Unilateral, for_fingers,
+    AnyParts, ApplyJump, ContactEquations, ContactJump, Csm, Equations, Evaluation, Formulation,
+    MAX_COMPONENTS, Size, StageState, States, System, Unilateral, for_fingers,
 };
 use crate::model::{
-    Applied, Carriage, ContactModel, Contacts, Energies, Fingers, FrameLoads, Input, Motion, Parts, Plant,
+    Applied, ContactModel, Contacts, Energies, Fingers, FrameLoads, Input, Motion, Parts, Plant,
     SegmentDrive, SegmentFrame, Source, Stabilization,
 };
 use crate::number::{LaneTask, Lanes, Lift, Real, task};
@@ -42,25 +42,6 @@ macro_rules! with {
 }
 pub(crate) use with;
 
-impl<R: Real> EquationKind<R> {
-    #[inline(always)]
-    fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
-        let Choice { formulation, contact, fingers, moves, .. } = choice;
-        let gains = &formulation.gains(gains);
-        if R::ANY_PARTS && !source.kinds().has_the_papers_parts() {
-            return Self::AnyParts(AnyParts::new(choice, source, gains));
-        }
-        let plant = Plant::called(source, fingers, moves);
-        match (contact, formulation) {
-            (ContactModel::Unilateral, _) => {
-                Self::Unilateral(Unilateral::new(source, Csm::new(plant, gains)))
-            }
-            (_, Formulation::Nullspace) => Self::Nullspace(Nullspace { plant }),
-            _ => Self::Csm(Csm::new(plant, gains)),
-        }
-    }
-}
-
 /// The numbers of components of the equations' states, with or without the works of the ledger.
 #[inline(always)]
 pub(super) fn size_of<R: Real, E: Equations<R>>(equations: &E, driven: bool, ledger: bool) -> Size {
@@ -83,7 +64,7 @@ pub struct Choice {
 /// The equations of a scene, or of one scene for each lane, after the choice.
 #[derive(Debug, Clone, Copy)]
 pub struct SceneEquations<R> {
-    pub(super) ledger: bool,
+    pub(crate) ledger: bool,
     /// Whether the formulation puts the state back on the constraints at the end of a step.
     pub(crate) corrects: bool,
     pub(crate) kind: EquationKind<R>,
@@ -92,8 +73,19 @@ pub struct SceneEquations<R> {
 task! {
     /// Builds equations. Lanes need this whenever one of their runs changes. The code is called, not inlined.
     ['a, R: Lanes, S: Source<R>]
-    Build<'a, S>(choice: Choice, source: &'a S, gains: &'a Stabilization) for R => EquationKind<R> =
-        EquationKind::new(choice, source, gains)
+    Build<'a, S>(choice: Choice, source: &'a S, gains: &'a Stabilization) for R => EquationKind<R> = {
+        let Choice { formulation, contact, fingers, moves, .. } = choice;
+        let csm = Csm::new(Plant::called(source, fingers, moves), &formulation.gains(gains));
+        let opens = contact == ContactModel::Unilateral;
+        let drifts = opens || formulation != Formulation::Nullspace;
+        let papers = !R::ANY_PARTS || source.kinds().has_the_papers_parts();
+        match (papers, opens) {
+            (true, false) if drifts => EquationKind::Csm(csm),
+            (true, false) => EquationKind::Nullspace(Nullspace { plant: csm.plant }),
+            (true, true) => EquationKind::Unilateral(Unilateral::new(source, csm)),
+            (false, _) => EquationKind::AnyParts(AnyParts { unilateral: Unilateral::new(source, csm), drifts, opens }),
+        }
+    }
 }
 
 impl<R: Lanes> SceneEquations<R> {
@@ -207,7 +199,7 @@ task! {
     Evaluate<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>,
         y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool)
     for R => () = for_fingers_of!(equations, driven [R::ORDER == 0 && E::Parts::PAPERS] => {
-        evaluate_into(equations, (driven, ledger), ((&drive.at(tau), Carriage::Either(moving)), &drive.contacts), y, now);
+        evaluate_into(equations, (driven, ledger), ((&drive.at(tau), moving), &drive.contacts), y, now);
     })
 }
 task! {
@@ -216,7 +208,7 @@ task! {
         contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>,
         ledger: bool)
     for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS && (R::ORDER == 0 || !equations.opens())] => {
-        rates_into(equations, (driven, ledger), ((input, Carriage::Either(moving)), contacts), StageState { from, by, along }, rate);
+        rates_into(equations, (driven, ledger), ((input, moving), contacts), StageState { from, by, along }, rate);
     })
 }
 
@@ -264,13 +256,6 @@ task! {
         let driven = equations.plant().driven;
         projected::correct(equations, (driven, ledger), &drive.at(tau), &drive.contacts, y);
     }
-}
-
-task! {
-    /// All stages of a step in one piece of code.
-    ['a, R: Lanes, E: Equations<R>, W: Stages<R>]
-    Together<'a, R, E, W>(stages: W, equations: &'a E, called: &'a SceneEquations<R>)
-    for R => () = stages.run(&Inlined::<_, _, false> { equations, called })
 }
 
 impl<R: Lanes> SceneEquations<R> {
@@ -354,23 +339,6 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
         with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             R::outlined(Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
         });
-    }
-
-    /// In lanes the equations of undisturbed bilateral contact are inlined into the stages.
-    #[inline(always)]
-    fn evaluate_stages(&self, stages: impl Stages<R>) {
-        // A single run has them inlined into its loop, and numbers with derivatives are rare.
-        let inlines = R::WIDTH > 1 && R::ORDER == 0 && !self.ledger;
-        let together = |plant: &Plant<R>| inlines && !(plant.driven || plant.moves);
-        match &self.kind {
-            EquationKind::Csm(equations) if together(equations.plant()) => {
-                R::outlined(Together { stages, equations, called: self });
-            }
-            EquationKind::Nullspace(equations) if together(equations.plant()) => {
-                R::outlined(Together { stages, equations, called: self });
-            }
-            _ => stages.run(self),
-        }
     }
 }
 

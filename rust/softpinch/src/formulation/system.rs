@@ -1,6 +1,6 @@
 //! The equations as step loops and methods use them.
 
-use crate::formulation::{Evaluation, MAX_COMPONENTS, States};
+use crate::formulation::{Evaluation, MAX_COMPONENTS, Runs, States};
 use crate::model::{Input, SegmentDrive};
 use crate::number::{Lanes, inlined};
 
@@ -22,7 +22,6 @@ pub const BLOCK: usize = 4;
 impl Size {
     inlined! {
         pub all(self) -> usize = self.states + self.works;
-        /// Number of blocks that the components fill.
         pub blocks(self) -> usize = self.all().div_ceil(BLOCK).min(MAX_COMPONENTS / BLOCK);
     }
 
@@ -47,12 +46,6 @@ pub struct StageState<'a, R> {
     pub along: &'a States<R>,
 }
 
-/// The evaluations of a step, as a method asks for them one after the other.
-pub trait Stages<R: Lanes> {
-    /// Evaluates them by a system. It must be `#[inline(always)]`.
-    fn run(self, system: &impl System<R>);
-}
-
 /// The equations of one scene for each lane, as step loops and methods use them.
 pub trait System<R: Lanes>: Sized {
     fn size(&self) -> Size;
@@ -71,11 +64,6 @@ pub trait System<R: Lanes>: Sized {
     /// Computes only the derivative, at the state `at` under the inputs of an instant of the segment, and in its modes of
     /// the contacts. The zeros that fill it are left as they are.
     fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>);
-
-    #[inline(always)]
-    fn evaluate_stages(&self, stages: impl Stages<R>) {
-        stages.run(self);
-    }
 }
 
 /// The derivatives of a system's rates with respect to its states and to time.
@@ -88,6 +76,9 @@ pub trait Linear<R: Lanes> {
         self.jacobian_into(drive, tau, y, &mut jacobian);
         jacobian
     }
+
+    /// Renews what depends on the runs, after some runs have changed.
+    fn renew(&mut self, _runs: Runs<'_>) {}
 }
 
 /// The derivatives of a system's rates with respect to its states and to time.

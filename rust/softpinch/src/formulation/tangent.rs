@@ -8,9 +8,7 @@ use crate::formulation::{
     AnyParts, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS, SceneEquations,
     StageState, States, System, Unilateral, for_fingers, with,
 };
-use crate::model::{
-    Carriage, Constants, Contacts, FrameMotion, Input, Parameters, SegmentDrive, Stabilization,
-};
+use crate::model::{Constants, Contacts, FrameMotion, Input, Parameters, SegmentDrive, Stabilization};
 use crate::number::{Dual, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread, task};
 
 /// How many directions are computed at once in lanes of several runs. With three no direction is left over: there are 21, 15
@@ -50,7 +48,7 @@ task! {
                     let at = StageState { from: &state, by: Dual::zero(), along: &state };
                     moving = Some(Load { frame, plant, input, at }.loads());
                 }
-                let applied = (&input, Carriage::Either(moving.as_ref()));
+                let applied = (&input, moving.as_ref());
                 // Not called: inlined it is much faster, in unilateral contact too.
                 let rate = evaluated(equations, driven, applied, &contacts, &duals, ledger).rate;
                 for n in 0..all {
@@ -82,7 +80,7 @@ task! {
             let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
             moving = Some(plant.loads(frame, &input.force, pose, rates));
         }
-        equations.evaluate(driven, (input, Carriage::Either(moving.as_ref())), contacts, y, ledger)
+        equations.evaluate(driven, (input, moving.as_ref()), contacts, y, ledger)
     }
 }
 
@@ -145,14 +143,14 @@ impl<R: Lanes, X: Lanes> Linear<R> for Swept<R, X> {
 }
 
 /// Builds equations in vectors, for the runs of which they give derivatives.
-struct BuildFor<'a, R>(Choice, &'a [&'a Parameters; MOST], &'a Stabilization, PhantomData<R>);
+struct BuildFor<'a, R>(Runs<'a>, PhantomData<R>);
 
 impl<R: Lanes> LaneKernel for BuildFor<'_, R> {
     type Output = Box<dyn Linear<R> + Send + Sync>;
 
     #[inline(always)]
     fn run<X: Lanes>(self) -> Self::Output {
-        let Self(choice, parameters, gains, runs) = self;
+        let Self(Runs { choice, parameters, gains }, runs) = self;
         // The lanes of the runs come once for each direction.
         let parameters = &std::array::from_fn(|lane| parameters[lane % R::WIDTH]);
         let equations = SceneEquations::new(choice, &Constants(parameters), gains);
@@ -173,20 +171,55 @@ impl<R: Lanes> Linear<R> for Tangent<R> {
             Self::Swept(swept) => swept.jacobian_into(drive, tau, y, jacobian),
         }
     }
+
+    fn renew(&mut self, runs: Runs<'_>) {
+        match self {
+            // In place, because they are large.
+            Self::InLanes(system) => {
+                **system = SceneEquations::new(runs.choice, &Constants(&runs.parameters), runs.gains);
+            }
+            Self::Swept(_) => *self = runs.tangent(),
+        }
+    }
 }
 
-impl<R: Lanes> Tangent<R> {
-    /// Builds the equations of a scene, or of one scene for each lane.
-    pub fn new(choice: Choice, parameters: &[&Parameters; MOST], gains: &Stabilization) -> Self {
-        let papers = !R::ANY_PARTS || parameters[0].has_the_papers_parts();
-        let build = BuildFor(choice, parameters, gains, PhantomData);
+pub type LaneParameters<'a> = [&'a Parameters; MOST];
+
+/// The runs in all lanes, for which equations and methods are made.
+#[derive(Clone, Copy)]
+pub struct Runs<'a> {
+    pub choice: Choice,
+    pub parameters: LaneParameters<'a>,
+    pub gains: &'a Stabilization,
+}
+
+impl Runs<'_> {
+    pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
+        SceneEquations::new(self.choice, &self.parameters, self.gains)
+    }
+
+    /// Builds the equations, and a method for them.
+    #[inline(always)]
+    pub fn with_method<R: Lanes, M>(
+        self,
+        make: impl FnOnce(Self, &SceneEquations<R>) -> M,
+    ) -> (SceneEquations<R>, M) {
+        let system = self.system();
+        let method = make(self, &system);
+        (system, method)
+    }
+
+    /// Builds the same equations in dual numbers.
+    pub fn tangent<R: Lanes>(&self) -> Tangent<R> {
+        let papers = !R::ANY_PARTS || self.parameters[0].has_the_papers_parts();
+        let build = BuildFor(*self, PhantomData);
         if R::WIDTH == 1 {
-            Self::Swept(call_four_lanes(build))
+            Tangent::Swept(call_four_lanes(build))
         } else if papers {
-            let source = &Constants(parameters);
-            Self::InLanes(Box::new(SceneEquations::new(choice, source, gains)))
+            let source = &Constants(&self.parameters);
+            Tangent::InLanes(Box::new(SceneEquations::new(self.choice, source, self.gains)))
         } else {
-            Self::Swept(build.run::<R>())
+            Tangent::Swept(build.run::<R>())
         }
     }
 }

@@ -20,8 +20,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     real_stability_limit: Some(6.393_65),
     stability_function,
     keeps_jacobian: false,
-    alone: |_, _| Box::new(Called::new(Dop853::default())),
-    adaptive: Some(|_, _| Box::new(Called::new(Dop853::default()))),
+    alone: |_, _| Box::new(Called(Dop853::default())),
+    adaptive: Some(|_, _| Box::new(Called(Dop853::default()))),
     error_order: 8.0,
     min_growth: 1.0,
 };

@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use crate::formulation::{Jacobian, Linear, MAX_COMPONENTS, Size, States};
 use crate::model::SegmentDrive;
-use crate::number::{Entry, LaneTask, Lanes, Lu, MOST_ROWS, Real, Square, task};
+use crate::number::{Entry, LaneTask, Lanes, Lu, MOST_ROWS, Real, Square, inlined, task};
 
 /// Calls a function with the numbers of states and of degrees of freedom, and whether there are branches. For the sizes
 /// of the formulations these are constants, so that the function's loops are unrolled.
@@ -175,10 +175,7 @@ struct Solve<'a, T: Entry>(&'a Linearization<T::Part>, &'a Factors<T>, &'a State
 impl<R: Lanes, T: Entry<Part = R>> LaneTask<R> for Solve<'_, T> {
     type Output = States<T>;
 
-    #[inline(always)]
-    fn run(self) -> States<T> {
-        unrolled!(self.0.size, solve(self.0, self.1, self.2))
-    }
+    inlined! { run(self) -> States<T> = unrolled!(self.0.size, solve(self.0, self.1, self.2)); }
 }
 
 impl<R: Lanes> Linearization<R> {
@@ -245,7 +242,7 @@ mod tests {
     use crate::formulation::scene_equations::{Choice, SceneEquations};
     use crate::formulation::system::{Linear, System};
     use crate::formulation::table::Formulation;
-    use crate::formulation::tangent::Tangent;
+    use crate::formulation::tangent::{Runs, Tangent};
     use crate::model::contact::Side;
     use crate::model::contact_modes::ContactModel;
     use crate::model::control::Fingers;
@@ -309,10 +306,9 @@ mod tests {
     ) -> (SceneEquations<f64>, Tangent<f64>) {
         let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
         let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers, moves: false, ledger };
-        (
-            SceneEquations::new(choice, &parameters(), &gains),
-            Tangent::new(choice, &[&parameters(); MOST], &gains),
-        )
+        let (own, gains) = (&parameters(), &gains);
+        let runs = Runs { choice, parameters: [own; MOST], gains };
+        (runs.system(), runs.tangent())
     }
 
     /// Central differences of the rates. Each state is changed by a share of its typical magnitude. The last

@@ -22,17 +22,16 @@ pub(crate) mod traits;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use crate::formulation::Runs;
 pub(crate) use called::{AnyAdaptiveMethod, AnyMethod, Called};
 pub(crate) use dop853::Dop853;
 pub(crate) use linearize::{Factors, Linearization};
 pub(crate) use newton::{Iteration, Newton, Problem, Scheme, Solved};
-pub(crate) use rk4::Rk4;
+pub(crate) use rk4::{Rk4, Rk4InLanes};
 pub(crate) use rosenbrock::Rosenbrock;
 pub(crate) use run_dual::{RunDualMethod, values};
 pub(crate) use step_control::StepControl;
 pub(crate) use table::MakeInLanes;
 pub use table::{METHODS, Method};
 pub(crate) use table::{MakeAdaptiveMethod, MethodEntry};
-pub(crate) use traits::{
-    Adaptive, Allowed, Integrator, LaneParameters, Runs, Stats, Step, StepResult, Unsolved, largest,
-};
+pub(crate) use traits::{Adaptive, Allowed, Integrator, Stats, Step, StepResult, Unsolved, largest};

@@ -1,10 +1,10 @@
 //! Newton's iteration for the implicit methods: when it has converged, and how long a Jacobian and its
 //! factors are used.
 
-use crate::formulation::{Linear, MAX_COMPONENTS, SceneEquations, Size, StageState, States, System, Tangent};
-use crate::method::{
-    Allowed, Called, Integrator, Linearization, Runs, Stats, Step, StepResult, Unsolved, largest,
+use crate::formulation::{
+    Linear, MAX_COMPONENTS, Runs, SceneEquations, Size, StageState, States, System, Tangent,
 };
+use crate::method::{Allowed, Called, Integrator, Linearization, Stats, Step, StepResult, Unsolved, largest};
 use crate::model::{Motion, SegmentDrive};
 use crate::number::inlined;
 
@@ -169,11 +169,7 @@ pub(super) fn newton<M, F: Copy>(
     system: &SceneEquations<f64>,
     scheme: M,
 ) -> Called<Newton<M, F>> {
-    let method = Newton::new(system.size(), runs.tangent(), magnitudes(runs, system), scheme);
-    let renew = |method: &mut Newton<M, F>, runs: Runs<'_>| {
-        (method.tangent, method.magnitudes) = (runs.tangent(), magnitudes(runs, &runs.system()));
-    };
-    Called { method, renew }
+    Called(Newton::new(system.size(), runs.tangent(), magnitudes(runs, system), scheme))
 }
 
 fn magnitudes(runs: Runs<'_>, system: &SceneEquations<f64>) -> States<f64> {
@@ -226,6 +222,11 @@ where
     inlined! {
         keeps_jacobian(&self) -> bool = true;
         jacobian_is_reusable(&self) -> bool = self.reusable;
+    }
+
+    fn renew(&mut self, runs: Runs<'_>) {
+        self.tangent.renew(runs);
+        self.magnitudes = magnitudes(runs, &runs.system());
     }
 
     #[inline(always)]

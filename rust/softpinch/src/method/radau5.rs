@@ -4,11 +4,11 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::{Linear, MAX_COMPONENTS, SceneEquations, Size, StageState, States, System};
+use crate::formulation::{Linear, MAX_COMPONENTS, Runs, SceneEquations, Size, StageState, States, System};
 use crate::method::newton::newton;
 use crate::method::{
-    Adaptive, Called, Factors, Iteration, Linearization, MethodEntry, Newton, Problem, Runs, Scheme, Solved,
-    Stats, Step, largest,
+    Adaptive, Called, Factors, Iteration, Linearization, MethodEntry, Newton, Problem, Scheme, Solved, Stats,
+    Step, largest,
 };
 use crate::number::Bits;
 

@@ -11,8 +11,12 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::{BLOCK, MAX_COMPONENTS, StageState, Stages, States, System};
+use crate::formulation::{
+    BLOCK, EquationKind, Inlined, MAX_COMPONENTS, SceneEquations, StageState, States, System,
+};
+use crate::method::called::TakeStep;
 use crate::method::{Called, Integrator, MethodEntry, Stats, Step, StepResult};
+use crate::model::Plant;
 use crate::number::Lanes;
 
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -24,7 +28,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
         one + z * (one + z / 2.0 * (one + z / 3.0 * (one + z / 4.0)))
     },
     keeps_jacobian: false,
-    alone: |_, _| Box::new(Called::new(Rk4::default())),
+    alone: |_, _| Box::new(Called(Rk4::default())),
     adaptive: None,
     error_order: 0.0,
     min_growth: 1.0,
@@ -44,24 +48,9 @@ impl<R: Lanes> Default for Rk4<R> {
 impl<R: Lanes, S: System<R>> Integrator<R, S> for Rk4<R> {
     #[inline(always)]
     fn step(&mut self, step: &Step<'_, R, S>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
+        let &Step { system, drive, tau, h, y, rate: k1, .. } = step;
+        let [k2, k3, k4] = &mut self.slopes;
         stats.evaluations += 3;
-        step.system.evaluate_stages(Rk4Stages { slopes: &mut self.slopes, step, next });
-        Ok(())
-    }
-}
-
-/// The evaluations of a step, and their sum.
-struct Rk4Stages<'a, R, S> {
-    slopes: &'a mut [States<R>; 3],
-    step: &'a Step<'a, R, S>,
-    next: &'a mut States<R>,
-}
-
-impl<R: Lanes, S: System<R>> Stages<R> for Rk4Stages<'_, R, S> {
-    #[inline(always)]
-    fn run(self, system: &impl System<R>) {
-        let Self { slopes: [k2, k3, k4], step, next } = self;
-        let &Step { drive, tau, h, y, rate: k1, .. } = step;
         let half = R::constant(0.5) * h;
         let middle = drive.at(tau + half);
         system.rates(&middle, drive, StageState { from: y, by: half, along: k1 }, k2);
@@ -74,6 +63,32 @@ impl<R: Lanes, S: System<R>> Stages<R> for Rk4Stages<'_, R, S> {
             // The increment is added up first, then added to the larger state.
             let outer = sixth * (k1[n] + k4[n]);
             next[n] = y[n] + third.mul_add(k2[n] + k3[n], outer);
+        }
+        Ok(())
+    }
+}
+
+/// The method in lanes: the equations of undisturbed bilateral contact are inlined into its stages.
+pub struct Rk4InLanes<R>(pub Rk4<R>);
+
+impl<R: Lanes> Integrator<R, SceneEquations<R>> for Rk4InLanes<R> {
+    #[inline(always)]
+    fn step(&mut self, step: &Step<'_, R>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
+        let &Step { system: called, drive, tau, h, y, rate, allowed } = step;
+        let (method, inlines) =
+            (&mut self.0, |plant: &Plant<R>| !(called.ledger || plant.driven || plant.moves));
+        match &called.kind {
+            EquationKind::Csm(equations) if inlines(&equations.plant) => {
+                let system = &Inlined::<_, _, false> { equations, called };
+                let step = &Step { system, drive, tau, h, y, rate, allowed };
+                R::outlined(TakeStep { method, step, next, stats })
+            }
+            EquationKind::Nullspace(equations) if inlines(&equations.plant) => {
+                let system = &Inlined::<_, _, false> { equations, called };
+                let step = &Step { system, drive, tau, h, y, rate, allowed };
+                R::outlined(TakeStep { method, step, next, stats })
+            }
+            _ => method.step(step, next, stats),
         }
     }
 }

@@ -10,11 +10,13 @@ use std::marker::PhantomData;
 
 use nalgebra::Complex;
 
-use crate::formulation::{Linear, MAX_COMPONENTS, SceneEquations, Size, StageState, States, System, Tangent};
-use crate::method::{
-    Adaptive, Called, Integrator, Linearization, MethodEntry, Runs, Stats, Step, StepResult, largest,
+use crate::formulation::{
+    Linear, MAX_COMPONENTS, Runs, SceneEquations, Size, StageState, States, System, Tangent,
 };
-use crate::number::{Bits, Entry, Lanes};
+use crate::method::{
+    Adaptive, Called, Integrator, Linearization, MethodEntry, Stats, Step, StepResult, largest,
+};
+use crate::number::{Bits, Entry, Lanes, inlined};
 
 pub const ENTRY: MethodEntry = MethodEntry {
     order: 4,
@@ -34,8 +36,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
 };
 
 pub(super) fn rosenbrock(runs: Runs<'_>, system: &SceneEquations<f64>) -> Called<Rosenbrock<Tangent<f64>>> {
-    let method = Rosenbrock::new(system.size(), runs.tangent());
-    Called { method, renew: |method, runs| method.tangent = runs.tangent() }
+    Called(Rosenbrock::new(system.size(), runs.tangent()))
 }
 
 pub(super) const STAGES: usize = 6;
@@ -147,9 +148,9 @@ impl<R: Lanes, S: System<R>, T: Linear<R>, E: Entry<Part = R>> Integrator<R, S> 
         Ok(())
     }
 
-    #[inline(always)]
-    fn repeat(&mut self) {
-        self.repeats = true;
+    inlined! {
+        repeat(&mut self) -> () = self.repeats = true;
+        renew(&mut self, runs: Runs<'_>) -> () = self.tangent.renew(runs);
     }
 }
 

@@ -8,15 +8,16 @@ use std::ops::Range;
 use nalgebra::DMatrix;
 
 use crate::formulation::{
-    Jacobian, Linear, MAX_COMPONENTS, RunDual, RunDualEquations, SceneEquations, StageState, States, System,
+    Jacobian, Linear, MAX_COMPONENTS, RunDual, RunDualEquations, Runs, SceneEquations, StageState, States,
+    System,
 };
 use crate::method::implicit_midpoint::ImplicitMidpoint;
 use crate::method::newton::newton;
 use crate::method::radau5::{self, Pair, Radau5};
 use crate::method::rosenbrock::{A, BY_TIME, C, COUPLING, GAMMA, STAGES, rosenbrock};
 use crate::method::{
-    AnyMethod, Called, Dop853, Factors, Integrator, Linearization, Method, Newton, Rk4, Rosenbrock, Runs,
-    Stats, Step, StepResult,
+    AnyMethod, Called, Dop853, Factors, Integrator, Linearization, Method, Newton, Rk4, Rosenbrock, Stats,
+    Step, StepResult,
 };
 use crate::model::{DIRECTIONS, SegmentDrive};
 use crate::number::{Entry, LaneEntry, LaneTask, Lanes, Real, task};
@@ -62,7 +63,7 @@ task! {
 
 impl<R: Lanes, M: Differentiable<R>> Differentiable<R> for Called<M> {
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
-        R::outlined(Differentiate { method: &self.method, solved })
+        R::outlined(Differentiate { method: &self.0, solved })
     }
 }
 
@@ -92,8 +93,8 @@ impl<R: Lanes> RunDualMethod<R> {
             RunDualMethod::Solved(Box::new(Solved { method, system, drive: SegmentDrive::still() }))
         }
         match method {
-            Method::Rk4 => Self::Explicit(Box::new(Called::new(Rk4::default()))),
-            Method::Dop853 => Self::Explicit(Box::new(Called::new(Dop853::default()))),
+            Method::Rk4 => Self::Explicit(Box::new(Called(Rk4::default()))),
+            Method::Dop853 => Self::Explicit(Box::new(Called(Dop853::default()))),
             Method::ImplicitMidpoint => {
                 solved(runs, |runs, system| newton::<_, Factors<f64>>(runs, system, ImplicitMidpoint))
             }

@@ -2,10 +2,9 @@
 
 use nalgebra::Complex;
 
-use crate::formulation::{SceneEquations, System, Tangent};
-use crate::method::{AnyAdaptiveMethod, AnyMethod, Called, Dop853, Rosenbrock, Runs};
+use crate::formulation::{Runs, SceneEquations, System, Tangent};
+use crate::method::{AnyAdaptiveMethod, AnyMethod, Called, Dop853, Rosenbrock};
 use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
-use crate::model::Constants;
 use crate::names::named;
 use crate::number::{LaneEntry, LaneTask, Lanes, task};
 
@@ -54,18 +53,10 @@ task! {
     pub(crate) ['a, R: Lanes] MakeInLanes<'a, R>(method: Method, runs: Runs<'a>, system: &'a SceneEquations<R>)
     for R => AnyAdaptiveMethod<R> = match method {
         Method::Rosenbrock => {
-            type InLanes<R> = Rosenbrock<Tangent<R>, R, LaneEntry<R>>;
-            let method = InLanes::<R>::new(system.size(), runs.tangent());
-            let renew = |method: &mut InLanes<R>, runs: Runs<'_>| match &mut method.tangent {
-                Tangent::InLanes(system) => {
-                    // In place, because it is large.
-                    **system = SceneEquations::new(runs.choice, &Constants(&runs.parameters), runs.gains);
-                }
-                swept => *swept = runs.tangent(),
-            };
-            Box::new(Called { renew, ..Called::new(method) })
+            let method = Rosenbrock::<Tangent<R>, R, LaneEntry<R>>::new(system.size(), runs.tangent());
+            Box::new(Called(method))
         }
-        _ => Box::new(Called::new(Dop853::default())),
+        _ => Box::new(Called(Dop853::default())),
     }
 }
 

@@ -1,8 +1,8 @@
 //! The methods as step loops use them.
 
-use crate::formulation::{Choice, MAX_COMPONENTS, SceneEquations, Size, States, System, Tangent};
-use crate::model::{Parameters, SegmentDrive, Stabilization};
-use crate::number::{Bits, Lanes, MOST, inlined};
+use crate::formulation::{MAX_COMPONENTS, Runs, SceneEquations, Size, States, System};
+use crate::model::SegmentDrive;
+use crate::number::{Bits, Lanes, inlined};
 
 /// An iteration that did not converge.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,36 +122,4 @@ pub trait Adaptive<R: Lanes, S: System<R>>: Integrator<R, S> {
 
     /// The state at the share `x` of the step just taken, from `y` to `next`.
     fn interpolate(&self, y: &States<R>, next: &States<R>, x: R) -> States<R>;
-}
-
-pub type LaneParameters<'a> = [&'a Parameters; MOST];
-
-/// The equations of the runs in all lanes, for which a method is made.
-#[derive(Clone, Copy)]
-pub struct Runs<'a> {
-    pub choice: Choice,
-    pub parameters: LaneParameters<'a>,
-    pub gains: &'a Stabilization,
-}
-
-impl Runs<'_> {
-    pub fn system<R: Lanes>(&self) -> SceneEquations<R> {
-        SceneEquations::new(self.choice, &self.parameters, self.gains)
-    }
-
-    /// Builds the equations, and a method for them.
-    #[inline(always)]
-    pub fn with_method<R: Lanes, M>(
-        self,
-        make: impl FnOnce(Self, &SceneEquations<R>) -> M,
-    ) -> (SceneEquations<R>, M) {
-        let system = self.system();
-        let method = make(self, &system);
-        (system, method)
-    }
-
-    /// Builds the same equations in dual numbers.
-    pub fn tangent<R: Lanes>(&self) -> Tangent<R> {
-        Tangent::new(self.choice, &self.parameters, self.gains)
-    }
 }

@@ -39,12 +39,10 @@ macro_rules! numbered {
         }
 
         impl $name {
-            #[inline]
             pub fn of(number: f64) -> Self {
                 [Self::$first, $(Self::$kind),*].into_iter().find(|kind| kind.number() == number).unwrap_or_default()
             }
 
-            #[inline]
             pub fn number(self) -> f64 {
                 f64::from(self as u8)
             }
@@ -266,7 +264,7 @@ impl<R: Real, P: Parts> Contact<R, P> {
         if let Some(parts) = P::numbers::<R, _>(&side.others) {
             let finger = [q.finger[i], p.finger[i]];
             let at = PartsAt { i, parts, radius: side.radius, object: *object, finger };
-            return R::outlined(InParts(at, Some(deformation), PhantomData)).0;
+            return R::outlined(InParts { at, deformation: Some(deformation), _parts: PhantomData }).0;
         }
         let arm = side.link.arm(i, object, q.finger[i], p.finger[i]);
         Self::new(i, side, object, &arm, deformation.0, deformation.1)
@@ -286,17 +284,16 @@ impl<R: Real, P: Parts> Contact<R, P> {
         object: &Frame<R>,
         angle: R,
         turn: R,
-    ) -> (Self, R, [R; 2]) {
+    ) -> (Self, Determined<R>) {
         if let Some(parts) = P::numbers::<R, _>(&side.others) {
             let at = PartsAt { i, parts, radius: side.radius, object: *object, finger: [angle, turn] };
-            let (contact, (d_n, rates)) = R::outlined(InParts(at, None, PhantomData));
-            return (contact, d_n, rates);
+            return R::outlined(InParts { at, deformation: None, _parts: PhantomData });
         }
         let arm = side.link.arm(i, object, angle, turn);
         let d_n = (side.radius + side.face.distance) - arm.sx;
         let still = Self::new(i, side, object, &arm, d_n, [R::zero(); 2]);
         let rates = [-still.holonomic_rate, -still.nonholonomic];
-        (Self::new(i, side, object, &arm, d_n, rates), d_n, rates)
+        (Self::new(i, side, object, &arm, d_n, rates), (d_n, rates))
     }
 
     inlined! {
@@ -371,16 +368,11 @@ struct PartsAt<'a, R> {
     finger: [R; 2],
 }
 
-/// Computes a contact, on the constraints unless a deformation is given.
-struct InParts<'a, R, P>(PartsAt<'a, R>, Option<Determined<R>>, PhantomData<P>);
-
-impl<R: Real, P: Parts> LaneTask<R> for InParts<'_, R, P> {
-    type Output = (Contact<R, P>, Determined<R>);
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        self.0.contact(self.1)
-    }
+task! {
+    /// Computes a contact, on the constraints unless a deformation is given.
+    ['a, R: Real, P: Parts]
+    InParts<'a, R, P>(at: PartsAt<'a, R>, deformation: Option<Determined<R>>, _parts: PhantomData<P>)
+    for R => (Contact<R, P>, Determined<R>) = at.contact(deformation)
 }
 
 impl<R: Real> PartsAt<'_, R> {

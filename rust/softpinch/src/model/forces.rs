@@ -3,7 +3,6 @@
 use crate::model::contact::Side;
 use crate::model::contact::law::Tip;
 use crate::model::control::Controller;
-use crate::model::frame::Carried;
 use crate::model::{
     BILATERAL_WORKS, Coordinates, ElasticGradient, Energies, Fingers, FrameLoads, Geometry, Input,
     MechanismKind, Motion, Parts, RELAXATIONS, Relaxing, Source, each_coordinate,
@@ -36,32 +35,16 @@ pub struct Plant<R> {
     weight: R,
     /// Gravity's torques on the fingers, as [`FrameLoads::fingers`] has forces; zero if the hand moves.
     finger_weights: [[R; 3]; 2],
-    /// What moves with the frame of a hand that moves.
-    pub(super) carried: Carried<R>,
+    /// For a hand that moves: g, and M_i, L_i and W_i of both fingers.
+    pub(super) gravity: R,
+    pub(super) links: [[R; 3]; 2],
     pub moves: bool,
     pub branches: usize,
 }
 
-/// The forces of the hand's motion, if it moves. They then include weights and the external force.
-#[derive(Debug, Clone, Copy)]
-pub enum Carriage<'a, R> {
-    /// The hand does not move. A caller that says so has the code for this alone.
-    AtRest,
-    Either(Option<&'a FrameLoads<R>>),
-}
-
-impl<'a, R> Carriage<'a, R> {
-    #[inline(always)]
-    pub fn loads(self) -> Option<&'a FrameLoads<R>> {
-        match self {
-            Self::AtRest => None,
-            Self::Either(loads) => loads,
-        }
-    }
-}
-
-/// The inputs of an instant, and the forces of the hand's motion.
-pub type Applied<'a, R> = (&'a Input<R>, Carriage<'a, R>);
+/// The inputs of an instant, and the forces of the hand's motion, if it moves. They then include weights and the external
+/// force. A caller that passes the constant `None` has the code for a hand at rest alone.
+pub type Applied<'a, R> = (&'a Input<R>, Option<&'a FrameLoads<R>>);
 
 /// The applied forces at a state, sorted by their origin.
 #[derive(Debug, Clone, Copy)]
@@ -102,18 +85,21 @@ impl<R: Real> Plant<R> {
         let mut masses = Coordinates::zero();
         masses.object = [object, object, source.number(|p| p.grasped.inertia)];
         // -0.0 changes no bit of a sum.
-        let mut finger_weights = [[R::constant(-0.0); 3]; 2];
+        let (mut finger_weights, mut links) = ([[R::constant(-0.0); 3]; 2], [[R::zero(); 3]; 2]);
         for i in 0..2 {
             masses.finger[i] = source.number(|p| p.fingers[i].inertia);
             masses.compression[i] = source.number(|p| p.tips[i].normal_mass);
             masses.shear[i] = source.number(|p| p.tips[i].tangential_mass);
             let mass = source.number(|p| p.fingers[i].mass);
+            let (length, root_offset) =
+                (source.number(|p| p.fingers[i].length), source.number(|p| p.fingers[i].root_offset));
+            links[i] = [mass, length, root_offset];
             if R::ANY_PARTS && source.kinds().mechanism(i) == MechanismKind::Jaw {
                 masses.finger[i] = mass;
                 let sin = source.number(|p| p.mechanisms[i].direction).sin_cos().0;
                 finger_weights[i][2] = -(mass * gravity) * sin;
             } else {
-                finger_weights[i][0] = (mass * gravity) * source.number(|p| p.fingers[i].length);
+                finger_weights[i][0] = (mass * gravity) * length;
             }
         }
         let mut joints = None;
@@ -141,7 +127,8 @@ impl<R: Real> Plant<R> {
             driven,
             weight: object * gravity,
             finger_weights,
-            carried: Carried::new(source),
+            gravity: source.number(|p| p.surroundings.gravity),
+            links,
             moves,
             branches: source.kinds().branches(),
         }
@@ -172,12 +159,13 @@ impl<R: Real> Plant<R> {
         applied: Applied<'_, R>,
     ) -> Forces<R> {
         // References, so that choosing them costs no instructions.
-        let (input, carriage) = applied;
-        let (force, fingers) = match carriage.loads() {
+        let (input, moving) = applied;
+        let (force, fingers) = match moving {
             None => (&input.force, &self.finger_weights),
             Some(moving) => (&moving.force, &moving.fingers),
         };
-        let kinds = (driven, matches!(carriage, Carriage::AtRest));
+        // The other factors of links at rest are -0.0, which changes no bit of a sum.
+        let kinds = (driven, moving.is_none() && R::ORDER == 0 && geometry.is_the_papers());
         let right = self.side_forces(kinds, 0, &elastic[0], geometry, motion, (input, fingers));
         let left = self.side_forces(kinds, 1, &elastic[1], geometry, motion, (input, fingers));
         Forces {

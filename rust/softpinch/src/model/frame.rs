@@ -18,7 +18,7 @@
 //! which its mass is thought has no Coriolis force either along its circle. A jaw of the mass M_i has the component of the
 //! same forces along its travel.
 
-use crate::model::{Plant, Source};
+use crate::model::Plant;
 use crate::number::{Real, dot, signed};
 
 #[derive(Debug, Clone, Copy)]
@@ -70,40 +70,17 @@ impl<R: Real> FrameMotion<R> {
     }
 }
 
-/// The numbers on which the forces of the frame's motion depend beside the mass matrix (14).
-#[derive(Debug, Clone, Copy)]
-pub struct Carried<R> {
-    gravity: R,
-    /// M_i, L_i and W_i of both fingers.
-    masses: [R; 2],
-    lengths: [R; 2],
-    root_offsets: [R; 2],
-}
-
-impl<R: Real> Carried<R> {
-    #[inline(always)]
-    pub(super) fn new(source: &impl Source<R>) -> Self {
-        Self {
-            gravity: source.number(|p| p.surroundings.gravity),
-            masses: [0, 1].map(|i| source.number(|p| p.fingers[i].mass)),
-            lengths: [0, 1].map(|i| source.number(|p| p.fingers[i].length)),
-            root_offsets: [0, 1].map(|i| source.number(|p| p.fingers[i].root_offset)),
-        }
-    }
-}
-
 impl<R: Real> Plant<R> {
     /// The forces of the frame's motion, (M1) to (M4), with `force` along fixed axes on the object added, for the object's
     /// coordinates (x, y, theta) and their rates.
     #[inline(always)]
     pub fn loads(&self, frame: &FrameMotion<R>, force: &[R; 3], q: [R; 3], p: [R; 3]) -> FrameLoads<R> {
         let ([x, y, _], [u, v, _], [mass, _, inertia]) = (q, p, self.masses.object);
-        let Carried { gravity, masses, lengths, root_offsets } = self.carried;
-        let [ax, ay] = frame.felt(gravity);
+        let [ax, ay] = frame.felt(self.gravity);
         let (mut along, mut across, mut moment) = (ax, ay, R::zero());
         let mut fingers = [[R::zero(); 3]; 2];
         for (i, [sin, cos, constant]) in fingers.iter_mut().enumerate() {
-            let (mass, length) = (masses[i], lengths[i]);
+            let [mass, length, root_offset] = self.links[i];
             if let Some(jaw) = self.sides[i].jaw() {
                 (*sin, *constant) = jaw.drawn(i, mass, [ax, ay], frame.turning);
                 continue;
@@ -111,7 +88,7 @@ impl<R: Real> Plant<R> {
             // In the order of the weights' products, so that an acceleration upwards has the bits of a gravity.
             (*sin, *cos) = (mass * ay * length, -signed(i, mass * ax * length));
             if let Some([omega, omega_rate]) = frame.turning {
-                let (lever, turned) = ((mass * root_offsets[i]) * length, signed(i, omega_rate));
+                let (lever, turned) = ((mass * root_offset) * length, signed(i, omega_rate));
                 (*sin, *cos) = (turned.neg_mul_add(lever, *sin), (omega * omega).neg_mul_add(lever, *cos));
                 *constant = turned * self.masses.finger[i];
             }

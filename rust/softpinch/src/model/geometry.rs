@@ -6,7 +6,7 @@ use nalgebra::SMatrix;
 
 use crate::model::contact::Side;
 use crate::model::{Any, Contact, Coordinates, Frame, Parameters, Parts};
-use crate::number::{LaneTask, Real, inlined};
+use crate::number::{LaneTask, Real, inlined, task};
 
 /// The whole geometry at one state.
 #[derive(Debug, Clone, Copy)]
@@ -27,15 +27,10 @@ macro_rules! rows {
     }};
 }
 
-struct Compute<'a, R, P>(&'a [Side<R>; 2], &'a Coordinates<R>, &'a Coordinates<R>, PhantomData<P>);
-
-impl<R: Real, P: Parts> LaneTask<R> for Compute<'_, R, P> {
-    type Output = Geometry<R, P>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        Geometry::inlined(self.0, self.1, self.2)
-    }
+task! {
+    ['a, R: Real, P: Parts]
+    Compute<'a, R, P>(sides: &'a [Side<R>; 2], q: &'a Coordinates<R>, p: &'a Coordinates<R>, _parts: PhantomData<P>)
+    for R => Geometry<R, P> = Geometry::inlined(sides, q, p)
 }
 
 impl<R: Real, P: Parts> Geometry<R, P> {
@@ -43,7 +38,13 @@ impl<R: Real, P: Parts> Geometry<R, P> {
     #[inline(always)]
     pub fn of(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
         // Steps and corrections of other parts share one piece of code.
-        if P::OTHERS { R::outlined(Compute(sides, q, p, PhantomData)) } else { Self::inlined(sides, q, p) }
+        if P::OTHERS { Self::called(sides, q, p) } else { Self::inlined(sides, q, p) }
+    }
+
+    /// [`Geometry::of`] in code that is called.
+    #[inline(always)]
+    pub fn called(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
+        R::outlined(Compute { sides, q, p, _parts: PhantomData })
     }
 
     #[inline(always)]
@@ -60,9 +61,9 @@ impl<R: Real, P: Parts> Geometry<R, P> {
     #[inline(always)]
     pub fn constrained(sides: &[Side<R>; 2], q: &mut Coordinates<R>, p: &mut Coordinates<R>) -> Self {
         let object = Frame::of_object(q.object, p.object);
-        let (right, n1, [n1_rate, t1_rate]) =
+        let (right, (n1, [n1_rate, t1_rate])) =
             Contact::constrained(0, &sides[0], &object, q.finger[0], p.finger[0]);
-        let (left, n2, [n2_rate, t2_rate]) =
+        let (left, (n2, [n2_rate, t2_rate])) =
             Contact::constrained(1, &sides[1], &object, q.finger[1], p.finger[1]);
         q.compression = [n1, n2];
         (p.compression, p.shear) = ([n1_rate, n2_rate], [t1_rate, t2_rate]);

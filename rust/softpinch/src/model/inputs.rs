@@ -66,16 +66,11 @@ pub struct HandMotion {
 }
 
 impl HandMotion {
-    /// The motion with these accelerations and this tilt.
-    pub fn new(acceleration: PiecewisePolynomial<2>, tilt: PiecewisePolynomial<1>, sine: [f64; 5]) -> Self {
-        Self { acceleration, tilt, sine }
-    }
-
     /// The motion at all times with the acceleration and the tilt of an instant, without turning.
     pub fn constant(frame: &FrameMotion<f64>) -> Self {
         let [x, y] = frame.in_fixed_axes(frame.acceleration);
-        let tilt = frame.sin.atan2(frame.cos);
-        Self::new(PiecewisePolynomial::constant([x, y]), PiecewisePolynomial::constant([tilt]), [0.0; 5])
+        let tilt = PiecewisePolynomial::constant([frame.sin.atan2(frame.cos)]);
+        Self { acceleration: PiecewisePolynomial::constant([x, y]), tilt, sine: [0.0; 5] }
     }
 
     /// The motion at all times with the acceleration and the tilt that the polynomials have at time `t`.

@@ -36,7 +36,7 @@ pub(crate) use coordinates::each_coordinate;
 pub use drive::MAX_DEGREE;
 pub(crate) use drive::{Input, SegmentDrive, SegmentFrame};
 pub(crate) use energy::{BILATERAL_WORKS, CONTACT_WORKS, Energies, WORKS, work};
-pub(crate) use forces::{Applied, Carriage, Forces, Plant};
+pub(crate) use forces::{Applied, Forces, Plant};
 pub(crate) use frame::{FrameLoads, FrameMotion};
 pub use geometry::Geometry;
 pub use inputs::{HandMotion, Impulse, Inputs, Sinusoid};

@@ -7,7 +7,7 @@ use nalgebra::SMatrix;
 use crate::error::Error;
 use crate::model::contact::law::{self, BRANCHES, LawKind, WEIGHTS};
 use crate::model::{Coordinates, Counterface, MechanismKind, Rule, ShapeKind};
-use crate::number::signed;
+use crate::number::{inlined, signed};
 
 /// The mass of the object in the paper's scenes, kg. The tips' masses are the same, because the paper moves the tip with
 /// the object's mass (14).
@@ -321,25 +321,14 @@ impl Parameters {
         }
     }
 
-    #[inline]
-    pub(crate) fn mechanism(&self, i: usize) -> MechanismKind {
-        MechanismKind::of(self.mechanisms[i].kind)
-    }
-
-    #[inline]
-    pub(crate) fn shape(&self, i: usize) -> ShapeKind {
-        ShapeKind::of(self.shapes[i].kind)
-    }
-
-    #[inline]
-    pub(crate) fn law(&self, i: usize) -> LawKind {
-        LawKind::of(self.laws[i].kind)
-    }
-
-    /// How curvature changes the energy of tip `i`.
-    #[inline]
-    pub fn counterface(&self, i: usize) -> Counterface {
-        Counterface::of(self.shapes[i].counterface)
+    inlined! {
+        pub(crate) mechanism(&self, i: usize) -> MechanismKind = MechanismKind::of(self.mechanisms[i].kind);
+        pub(crate) shape(&self, i: usize) -> ShapeKind = ShapeKind::of(self.shapes[i].kind);
+        pub(crate) law(&self, i: usize) -> LawKind = LawKind::of(self.laws[i].kind);
+        /// How curvature changes the energy of tip `i`.
+        pub counterface(&self, i: usize) -> Counterface = Counterface::of(self.shapes[i].counterface);
+        /// The number of Maxwell branches of the tip that has more of them.
+        pub branches(&self) -> usize = self.laws[0].branches.max(self.laws[1].branches) as usize;
     }
 
     /// Whether mechanisms, sides and laws of the tips are the paper's, and joints without friction.
@@ -350,12 +339,6 @@ impl Parameters {
             let Mechanism { kind, rubs, .. } = self.mechanisms[i];
             [kind, rubs, self.shapes[i].kind, law, branches] == [0.0; 5]
         })
-    }
-
-    /// The number of Maxwell branches of the tip that has more of them.
-    #[inline]
-    pub fn branches(&self) -> usize {
-        self.laws[0].branches.max(self.laws[1].branches) as usize
     }
 
     /// Takes the kinds of other parameters, whose derivatives these are.

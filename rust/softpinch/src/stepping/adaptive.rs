@@ -11,11 +11,11 @@ use crate::stepping::adaptive_lanes::{LookInside, Progress};
 use crate::stepping::ending::{too_many, too_small};
 use crate::stepping::sizes::{is_unresolved, next_length};
 use crate::stepping::{
-    AdaptiveLanes, LaneBatch, LoopSetup, POLL, Phase, Sizes, Status, StepStart, interruption, merged,
+    AdaptiveLanes, LaneBatch, POLL, Phase, RunLoop, Sizes, StepStart, completed, interruption, merged,
 };
 
 pub struct AdaptiveSteps<'a, B> {
-    pub setup: LoopSetup<'a>,
+    pub runs: RunLoop<'a>,
     pub tolerance: f64,
     pub build: B,
 }
@@ -29,12 +29,12 @@ where
 
     #[inline(always)]
     fn run(self) -> Result {
-        let Self { setup, tolerance, build } = self;
-        let LoopSetup { options, .. } = setup;
+        let Self { runs, tolerance, build } = self;
+        let options = runs.options;
         let entry = options.method.entry();
         let zero = R::zero();
         let mut lanes = AdaptiveLanes {
-            batch: LaneBatch::new(setup),
+            batch: LaneBatch::new(runs),
             progress: Progress::new(),
             control: StepControl::new(entry.error_order, entry.min_growth),
             unsolved: None,
@@ -198,7 +198,7 @@ where
                 let t = ends.lane(lane);
                 let instant = lanes.batch.instant(lane, size, (&end_state, arrived), t, (t, 0));
                 if lanes.goes_on(&start, lane, due, &seen, &instant) && at_end >> lane & 1 != 0 {
-                    lanes.retire(&start, lane, (Status::Completed, String::new()), &instant);
+                    lanes.retire(&start, lane, completed(), &instant);
                 }
             }
             start.now = merged(watching, &end_state, &start.now);

@@ -7,8 +7,8 @@ use crate::formulation::{States, System};
 use crate::model::Scene;
 use crate::number::{Bits, LaneTask, Lanes, each, task};
 use crate::stepping::{
-    AdaptiveLanes, ContactEnd, EventResult, LaneContact, MOST_EVENTS, Moment, Phase, Reason, Status,
-    StepStart, column, merged, put,
+    AdaptiveLanes, ContactEnd, EventResult, LaneContact, MOST_EVENTS, Moment, Phase, Reason, StepStart,
+    column, completed, merged, put,
 };
 
 /// The share of a segment that stands in for the length of a step where none is known yet.
@@ -164,7 +164,7 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
                 continue;
             }
             if ends & bit != 0 {
-                self.retire(start, lane, (Status::Completed, String::new()), &instant);
+                self.retire(start, lane, completed(), &instant);
                 continue;
             }
             let mut jumps = false;

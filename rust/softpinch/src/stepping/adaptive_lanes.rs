@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::formulation::{Evaluation, SceneEquations, States, System};
 use crate::method::{AnyAdaptiveMethod, Step, StepControl, Unsolved};
 use crate::model::{Coordinates, Motion, Scene};
-use crate::number::{Bits, LaneTask, Lanes, MOST, Real, each};
+use crate::number::{Bits, LaneTask, Lanes, MOST, Real, each, task};
 use crate::stepping::monitor::ViolatingTurningPoint;
 use crate::stepping::{End, Event, Instant, LaneBatch, Phase, Seen, Sizes, Span, full, overflow};
 
@@ -101,13 +101,6 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
         self.batch.phases.at(Phase::Start) | self.batch.phases.at(Phase::Event)
     }
 
-    /// Counts the steps that the run in a lane has taken.
-    pub fn count(&mut self, lane: usize) {
-        if let Some(run) = &mut self.batch.runs[lane] {
-            run.steps = self.progress.steps.lane(lane) as u64;
-        }
-    }
-
     /// Sets the typical magnitudes of the states in the lanes of `changed`, which have new runs.
     #[inline(always)]
     pub fn size(&self, changed: Bits, start: &mut StepStart<R>) {
@@ -117,8 +110,8 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
     }
 
     pub fn retire(&mut self, start: &StepStart<R>, lane: usize, end: End, last: &Instant) {
-        self.count(lane);
-        self.batch.retire_lane(&start.system, lane, end, last);
+        let steps = self.progress.steps.lane(lane) as u64; // a whole number
+        self.batch.retire_lane(&start.system, lane, end, last, steps);
     }
 
     pub fn last(&self, lane: usize, start: &StepStart<R>) -> Option<Instant> {
@@ -159,10 +152,7 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
         let recorded = if due { self.batch.record(&start.system, instant) } else { Ok(()) };
         let end = match recorded {
             Err(error) => Some(full(instant.t, &error)),
-            Ok(()) if seen.ended >> lane & 1 != 0 => {
-                self.count(lane);
-                self.batch.violation(lane, seen, instant)
-            }
+            Ok(()) if seen.ended >> lane & 1 != 0 => self.batch.violation(lane, seen, instant),
             Ok(()) => None,
         };
         let Some(end) = end else { return true };
@@ -214,28 +204,15 @@ pub fn merged<R: Lanes>(bits: Bits, a: &Evaluation<R>, b: &Evaluation<R>) -> Eva
     }
 }
 
-/// In the lanes of `accepted`, looks at the instants inside the step that are to be recorded, and at those of
-/// `turning_times`. Returns the lanes whose runs go on. This is rare, so the code is called, not inlined.
-pub struct LookInside<'b, 'a, R: Lanes> {
-    pub lanes: &'b mut AdaptiveLanes<'a, R>,
-    pub method: &'b mut AnyAdaptiveMethod<R>,
-    pub start: &'b StepStart<R>,
-    /// The time of the step's start since that of the segment, and the length of the step.
-    pub step: (R, R),
-    /// The states at the end of the method's step, before any correction.
-    pub next: &'b States<R>,
-    pub accepted: Bits,
-    /// The times at which the steps end.
-    pub ends: R,
-    pub turning_times: [f64; MOST],
-}
-
-impl<R: Lanes> LaneTask<R> for LookInside<'_, '_, R> {
-    type Output = Bits;
-
-    #[inline(always)]
-    fn run(self) -> Bits {
-        let Self { lanes, method, start, step, next, mut accepted, ends, mut turning_times } = self;
+task! {
+    /// In the lanes of `accepted`, looks at the instants inside the step (its start since that of the segment, and its length)
+    /// that are to be recorded, and at those of `turning_times`. `next` has the states at the end of the method's step, before
+    /// any correction; the steps end at `ends`. Returns the lanes whose runs go on. This is rare, so the code is called.
+    pub ['b, 'a, R: Lanes]
+    LookInside<'b, 'a, R>(lanes: &'b mut AdaptiveLanes<'a, R>, method: &'b mut AnyAdaptiveMethod<R>, start: &'b StepStart<R>,
+        step: (R, R), next: &'b States<R>, accepted: Bits, ends: R, turning_times: [f64; MOST])
+    for R => Bits = {
+        let (mut accepted, mut turning_times) = (accepted, turning_times);
         let (system, y, (tau, h), drive) = (&start.system, &start.y, step, &lanes.batch.drive);
         let size = system.size();
         let allowed = Some(&start.sizes.allowed);

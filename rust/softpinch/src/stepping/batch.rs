@@ -4,8 +4,10 @@
 use std::borrow::Cow;
 
 use crate::error::Result;
-use crate::formulation::{Choice, Equations, Evaluation, Inlined, SceneEquations, States, System};
-use crate::method::{Integrator, LaneParameters, Runs, Stats};
+use crate::formulation::{
+    Choice, Equations, Evaluation, Inlined, InputAt, LaneParameters, SceneEquations, States, System,
+};
+use crate::method::{Integrator, Runs, Stats};
 use crate::model::energy;
 use crate::model::{
     BILATERAL_WORKS, ContactModel, Energies, Motion, Parameters, Scene, SegmentDrive, Source, WORKS, apart,
@@ -17,9 +19,9 @@ use crate::stepping::monitor::{Margins, explain};
 use crate::stepping::phase::Phases;
 use crate::stepping::summary::RunEnd;
 use crate::stepping::{
-    End, EventResult, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase, Recordable,
-    Recorder, Recording, Run, Status, Steps, Summaries, Summary, SummaryInstant, SummarySet, VIOLATIONS,
-    Violation, ViolationSet, all_finite, column, put,
+    End, EventResult, GridOf, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase,
+    Recordable, Recorder, Recording, Run, Status, Steps, Summaries, Summary, SummaryInstant, SummarySet,
+    VIOLATIONS, Violation, ViolationSet, all_finite, column, put,
 };
 
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
@@ -40,7 +42,6 @@ pub struct Taken<'a> {
 pub struct RunQueue<'a> {
     /// The next run, or `None` if there is none.
     pub take: &'a mut dyn FnMut() -> Result<Option<Taken<'a>>>,
-    /// Whether the caller wants to stop.
     pub stops: &'a dyn Fn() -> bool,
     pub finish: &'a mut dyn FnMut(Finished),
     pub recorder: Recorder<'a>,
@@ -48,15 +49,17 @@ pub struct RunQueue<'a> {
 
 pub struct Finished {
     pub number: usize,
-    /// The run, which the loop itself does not record.
     pub run: Run,
     pub contact: Option<Box<LaneContact>>,
 }
 
-pub struct LoopSetup<'a> {
-    pub options: &'a Options,
-    pub choice: Choice,
+/// The runs of one thread, over the times of `grid` if steps are equal. They have been checked.
+pub struct RunLoop<'a> {
     pub queue: RunQueue<'a>,
+    pub grid: &'a GridOf<'a>,
+    pub options: &'a Options,
+    /// One of the scenes. All have the same kinds of parts, fingers and inputs.
+    pub scene: &'a Scene,
 }
 
 pub struct LaneRun<'a, P> {
@@ -66,7 +69,6 @@ pub struct LaneRun<'a, P> {
     /// The last watched instant, if it is not the last one that the loop evaluated: the start of the run
     /// before any evaluation, the instant before an impulse, or an instant inside a step.
     pub saved_instant: Option<Instant>,
-    pub steps: u64,
     pub segments: u64,
     pub contact: Option<Box<LaneContact>>,
     pub controller: Option<Box<LaneController>>,
@@ -121,8 +123,7 @@ pub struct LaneBatch<'a, R, P> {
 
 impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     #[inline(always)]
-    pub fn new(setup: LoopSetup<'a>) -> Self {
-        let LoopSetup { options, choice, queue } = setup;
+    pub fn new(RunLoop { queue, options, scene, .. }: RunLoop<'a>) -> Self {
         let resting = Parameters::default();
         let lanes: LaneParameters<'_> = [&resting; MOST];
         let stops = |violation| if options.stop_on.contains(violation) { Bits::MAX } else { 0 };
@@ -130,7 +131,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         Self {
             queue,
             options,
-            choice,
+            choice: options.choice(&scene.inputs),
             runs: [const { None }; MOST],
             phases: Phases::idle(),
             drive: SegmentDrive::still(),
@@ -203,7 +204,6 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             scene,
             first_times: [f64::NAN; VIOLATIONS.len()],
             saved_instant,
-            steps: 0,
             segments: 0,
             contact,
             controller,
@@ -236,11 +236,6 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let Some(controller) = &mut run.controller else { return };
         let scene = (&*run.scene, run.contact.as_deref());
         controller.sample(scene, self.options, t, (now, lane));
-    }
-
-    #[inline(always)]
-    pub fn active(&self) -> Bits {
-        R::ALL & self.phases.active()
     }
 
     fn parameters(&self) -> LaneParameters<'_> {
@@ -409,7 +404,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let (shown, stop_on) = (ViolationSet::of(&seen.found, lane), self.options.stop_on);
         let ends = |&violation: &Violation| shown.contains(violation) && stop_on.contains(violation);
         let violation = VIOLATIONS.into_iter().map(|(_, violation)| violation).find(ends)?;
-        let begins = run.steps == 0;
+        let begins = instant.t == run.scene.initial.time;
         let mut instant = *instant;
         if self.unilateral && matches!(violation, Violation::Slipping | Violation::Opened) {
             // Events know the time.
@@ -438,9 +433,10 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             }
             return Ok(true);
         }
+        let input = R::outlined(InputAt { drive: &self.drive, tau });
         for impulse in run.scene.inputs.impulses_at(t) {
             let mut jumped = *y;
-            R::outlined(Jump { system, drive: &self.drive, tau, y: &mut jumped, impulse });
+            system.jump(&input, &mut jumped, &impulse.map(R::constant));
             put(y, lane, &column(&jumped, lane));
         }
         Ok(true)
@@ -456,10 +452,17 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         motion
     }
 
-    /// Removes the run from a lane. `last` is the last instant of the run.
+    /// Removes the run from a lane, at its `last` instant and after so many steps.
     #[cold]
     #[inline(never)]
-    pub fn retire_lane(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Instant) {
+    pub fn retire_lane(
+        &mut self,
+        system: &SceneEquations<R>,
+        lane: usize,
+        end: End,
+        last: &Instant,
+        steps: u64,
+    ) {
         self.phases.set(1 << lane, Phase::Ended);
         let Some(mut run) = self.runs[lane].take() else { return };
         let (status, message) = after_violation(end, last.t, &run.first_times);
@@ -489,7 +492,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             contact_changes: Vec::new(),
             holds,
             summaries: self.summaries.values(lane, &run_end),
-            stats: Stats { steps: run.steps, segments: run.segments, ..self.stats },
+            stats: Stats { steps, segments: run.segments, ..self.stats },
         };
         if R::WIDTH == 1 {
             finished = self.queue.recorder.finish(finished, || energies(system, last));
@@ -510,6 +513,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     }
 
     inlined! {
+        pub active(&self) -> Bits = R::ALL & self.phases.active();
         /// Whether to record the instant `t`, which was just watched. One inside a step is recorded only if asked for. Only
         /// loops of one lane record runs.
         pub is_due(&mut self, t: f64, inside: bool) -> bool = R::WIDTH == 1 && self.queue.recorder.is_due(t, inside);
@@ -530,18 +534,11 @@ task! {
         (Limits::new(source), source.number(|p| 0.5 * p.grasped.width), energy)
     }
 }
-task! {
-    /// Computes the velocity jumps as if an impulse acted in all lanes.
-    ['a, R: Lanes]
-    Jump<'a, R>(system: &'a SceneEquations<R>, drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, impulse: [f64; 3])
-    for R => () = system.jump(&drive.at(tau), y, &impulse.map(R::constant))
-}
 
 /// Equations for a step loop. The loop of RK4 has them inlined; its rare work calls them, so that its code exists once.
 pub trait LoopSystem<R: Lanes>: System<R> {
     fn called(&self) -> &SceneEquations<R>;
 
-    /// Renews the equations after some of the runs have changed.
     fn renew(&mut self, runs: Runs<'_>);
 }
 

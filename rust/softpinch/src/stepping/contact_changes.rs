@@ -25,20 +25,19 @@ impl EventStepper<'_> {
     pub fn start(&mut self, place: &mut SegmentState, approaches: bool) -> EventResult {
         let mut motion = self.motion(place);
         let before = self.energy(&motion);
-        let sides = &self.equations.plant().sides;
         for i in 0..2 {
             let geometry = self.geometry(&motion);
             let (gap, beside) =
                 (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height[i]);
-            if self.run.contacts[i].closed || (beside && gap < -OVERLAP * sides[i].radius) {
-                motion.q.compression[i] -= gap;
-                self.run.log.push(Passage::Jump(ContactJump::Meet(i)));
+            let radius = self.equations.plant().sides[i].radius;
+            if self.run.contacts[i].closed || (beside && gap < -OVERLAP * radius) {
+                self.jump(&mut motion, ContactJump::Meet(i));
             }
         }
         for i in 0..2 {
             // A surface is never stretched.
             if !self.run.contacts[i].closed && motion.q.compression[i] < 0.0 {
-                self.relax(&mut motion, i);
+                self.jump(&mut motion, ContactJump::Relax(i));
             }
         }
         self.book(place, work::CONSTRAINT, self.energy(&motion) - before);
@@ -98,7 +97,7 @@ impl EventStepper<'_> {
                 {
                     self.book(place, work::IMPACT, 0.5 * mass * rate * rate);
                 }
-                self.relax(&mut motion, i);
+                self.jump(&mut motion, ContactJump::Relax(i));
                 self.open(place.tau, &motion, i, cause);
             }
             Cause::Stop => {
@@ -124,8 +123,7 @@ impl EventStepper<'_> {
             return Err(place.end(Reason::Lost(Loss::MetEnd(i))));
         }
         let frozen = self.energy(motion);
-        motion.q.compression[i] -= gap;
-        self.note(ContactJump::Meet(i));
+        self.jump(motion, ContactJump::Meet(i));
         let moved = self.energy(motion);
         self.run.contacts[i].closed = true;
         let live = self.energy(motion);
@@ -173,7 +171,7 @@ impl EventStepper<'_> {
         let tilts = self.equations.tilts(&motion.q);
         let found = self.equations.impact(&geometry, &motion.p, closed, *impulse);
         motion.p = found.p;
-        self.note(ContactJump::Impact(found.modes));
+        self.run.log.push(Passage::Jump(ContactJump::Impact(found.modes)));
         self.book(place, work::IMPACT, found.loss);
         self.book(place, work::EXTERNAL, found.work);
         self.book(place, work::CONTROL, found.driving);
@@ -190,18 +188,7 @@ impl EventStepper<'_> {
     /// Puts the residuals of closed contacts into the tips' surfaces, so that gaps and slips start at zero.
     fn absorb(&mut self, motion: &mut Motion<f64>) {
         let contacts = self.run.contacts.map(|contact| (contact.closed, contact.slip.is_some()));
-        self.note(ContactJump::Absorb(contacts));
-        for i in 0..2 {
-            if !self.run.contacts[i].closed {
-                continue;
-            }
-            motion.q.compression[i] -= self.geometry(motion).residuals()[i];
-            let velocity = self.geometry(motion).constraint_velocity();
-            motion.p.compression[i] -= velocity[i];
-            if self.run.contacts[i].slip.is_none() {
-                motion.p.shear[i] -= velocity[2 + i];
-            }
-        }
+        self.jump(motion, ContactJump::Absorb(contacts));
     }
 
     fn rechoose(&mut self, place: &mut SegmentState, causes: [Cause; 2]) -> EventResult {
@@ -259,14 +246,10 @@ impl EventStepper<'_> {
         Ok(())
     }
 
-    fn note(&mut self, jump: ContactJump) {
+    /// Lets a jump happen to a motion, and notes it for its derivatives.
+    fn jump(&mut self, motion: &mut Motion<f64>, jump: ContactJump) {
         self.run.log.push(Passage::Jump(jump));
-    }
-
-    /// Brings the surface of a tip to rest, without compression and shear.
-    fn relax(&mut self, Motion { q, p, .. }: &mut Motion<f64>, i: usize) {
-        self.note(ContactJump::Relax(i));
-        (q.compression[i], q.shear[i], p.compression[i], p.shear[i]) = (0.0, 0.0, 0.0, 0.0);
+        self.equations.jump(jump, motion);
     }
 
     fn choice(&mut self, place: &SegmentState, motion: &Motion<f64>) -> Option<Chosen> {

@@ -41,7 +41,6 @@ pub struct LaneContact {
 /// A state of the run at a time of its segment, or of the segment before it.
 #[derive(Clone, Copy)]
 pub struct Moment<'a> {
-    /// Whether it is the segment before.
     pub earlier: bool,
     /// The time since the start of the segment, s.
     pub tau: f64,
@@ -181,7 +180,6 @@ impl LaneContact {
         Ok(row)
     }
 
-    /// The instant at which an event ends the run.
     pub fn last(&self, end: &ContactEnd) -> Instant {
         let now = self.evaluate(end.tau, &end.y);
         let t = if self.in_earlier { &self.earlier } else { &self.segment }.anchor + end.tau;

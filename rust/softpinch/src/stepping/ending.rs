@@ -10,25 +10,18 @@ use crate::stepping::{Instant, Loss, MOST_EVENTS, Reason, STOP_ON, VIOLATIONS, V
 
 named! {
     /// How a run ended.
+    #[allow(missing_docs)] // of the violations at which it was to end
     Status;
     STATUSES = {
         /// The run reached its end.
         Completed = "completed",
-        /// A tip left the object.
         Separated = "separated",
-        /// A tip was pressed flat.
         Crushed = "crushed",
-        /// A tip was tilted by 90 degrees.
         Folded = "folded",
-        /// A tip pulled, and the run was to end there.
         Pulling = "pulling",
-        /// A tip needed more friction than there is, and the run was to end there.
         Slipping = "slipping",
-        /// A contact reached the rim of its tip, and the run was to end there.
         Rim = "rim",
-        /// A contact left its face, and the run was to end there.
         OffFace = "off_face",
-        /// A tip opened, and the run was to end there.
         Opened = "opened",
         /// Unilateral contact: a contact left its face, or the object is beside neither tip.
         Lost = "lost",
@@ -61,12 +54,16 @@ impl Status {
 /// The status with which a run ended, and its message.
 pub(crate) type End = (Status, String);
 
+/// The end of a run that has gone well, which needs no words.
+pub(crate) fn completed() -> End {
+    (Status::Completed, String::new())
+}
+
 /// The message of a run that reached its end.
 pub fn arrival(t: f64) -> String {
     format!("reached the end at t = {}", seconds(t))
 }
 
-/// The end of a run that the caller stopped.
 #[cold]
 pub(crate) fn interruption(t: f64) -> End {
     let t = seconds(t);
@@ -151,7 +148,6 @@ pub(crate) fn too_small(t: f64, h: f64, (unsolved, error): (Option<Unsolved>, f6
     (Status::StepTooSmall, message)
 }
 
-/// The end of a run that used up its steps.
 #[cold]
 pub(crate) fn too_many(t: f64, h: f64, most: u64) -> End {
     let t = seconds(t);

@@ -8,18 +8,15 @@ use crate::error::Result;
 use crate::formulation::{Evaluation, MAX_COMPONENTS};
 use crate::method::{Integrator, Runs};
 use crate::number::{LaneTask, Lanes};
-use crate::stepping::{
-    EqualLanes, GridOf, Instants, LaneBatch, LoopSetup, LoopSystem, POLL, Phase, RowsInside, full,
-};
+use crate::stepping::{EqualLanes, Instants, LaneBatch, LoopSystem, POLL, Phase, RowsInside, RunLoop, full};
 
-pub struct EqualSteps<'g, 'a, B> {
-    pub setup: LoopSetup<'a>,
-    pub grid: &'g GridOf<'g>,
+pub struct EqualSteps<'a, B> {
+    pub runs: RunLoop<'a>,
     /// Makes the equations and the method for the runs in all lanes. The method is behind a pointer.
     pub build: B,
 }
 
-impl<R, S, B, M> LaneTask<R> for EqualSteps<'_, '_, B>
+impl<R, S, B, M> LaneTask<R> for EqualSteps<'_, B>
 where
     R: Lanes,
     S: LoopSystem<R>,
@@ -30,11 +27,11 @@ where
 
     #[inline(always)]
     fn run(self) -> Result {
-        let Self { setup, grid, build } = self;
+        let Self { runs, build } = self;
         let zero = R::zero();
         let mut lanes = EqualLanes {
-            batch: LaneBatch::new(setup),
-            grid,
+            grid: runs.grid,
+            batch: LaneBatch::new(runs),
             anchor: zero,
             taken: zero,
             h: zero,

@@ -7,11 +7,11 @@ use crate::error::Result;
 use crate::formulation::{SceneEquations, States, System};
 use crate::number::{Bits, Lanes, each};
 use crate::stepping::{
-    ContactEnd, EqualLanes, Instant, Instants, Moment, POLL, Phase, Seen, Status, all_finite, column,
+    ContactEnd, EqualLanes, Instant, Instants, Moment, POLL, Phase, Seen, all_finite, column, completed,
     interruption, overflow,
 };
 
-impl<R: Lanes> EqualLanes<'_, '_, R> {
+impl<R: Lanes> EqualLanes<'_, R> {
     /// Lets events happen and controllers measure, which `held` lanes do instead of a step. Returns the lanes into which
     /// another run was loaded because an event ended theirs.
     #[inline(always)]
@@ -118,13 +118,8 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
         for lane in each(leaving) {
             let finite = seen.finite >> lane & 1 != 0;
             let Some(last) = self.last(lane, finite, at) else { continue };
-            let end = if finite {
-                self.count(lane);
-                let violation = self.batch.violation(lane, seen, &last);
-                violation.unwrap_or((Status::Completed, String::new()))
-            } else {
-                overflow(last.t)
-            };
+            let violation = || self.batch.violation(lane, seen, &last);
+            let end = if finite { violation().unwrap_or_else(completed) } else { overflow(last.t) };
             self.retire(at.system, lane, end, &last);
         }
         if (self.clock + 1).is_multiple_of(POLL) && (self.batch.queue.stops)() {

@@ -5,6 +5,7 @@ use crate::formulation::{Evaluation, SceneEquations, States, System};
 use crate::method::{Integrator, Step, StepResult, Unsolved};
 use crate::model::{Linearized, Motion, Scene, unpacked};
 use crate::number::{Bits, Lanes, each, inlined};
+use crate::stepping::batch::LaneRun;
 use crate::stepping::ending;
 use crate::stepping::{
     End, Grid, GridOf, Instant, LaneBatch, LaneController, LoopSystem, Phase, RowsInside, Segment, full, put,
@@ -49,7 +50,6 @@ impl Place {
         self.segment.count - (self.arrival - clock)
     }
 
-    /// The time and the grid point at this clock.
     pub fn now(&self, clock: u64) -> (f64, (f64, u64)) {
         let step = self.step(clock);
         (self.segment.time(step), (self.segment.anchor, step))
@@ -81,9 +81,9 @@ pub struct Instants<'a, R> {
     pub y_before: &'a States<R>,
 }
 
-pub struct EqualLanes<'g, 'a, R: Lanes> {
+pub struct EqualLanes<'a, R: Lanes> {
     pub batch: LaneBatch<'a, R, Place>,
-    pub grid: &'g GridOf<'g>,
+    pub grid: &'a GridOf<'a>,
     /// Starts of the lanes' segments, steps taken since then, and lengths of the steps.
     pub anchor: R,
     pub taken: R,
@@ -106,7 +106,7 @@ pub struct EqualLanes<'g, 'a, R: Lanes> {
     pub inside: RowsInside,
 }
 
-impl<R: Lanes> EqualLanes<'_, '_, R> {
+impl<R: Lanes> EqualLanes<'_, R> {
     /// Loads the next run, if there is one, into a lane. The run starts at the clock `from`.
     pub fn load(&mut self, lane: usize, from: u64) -> Result {
         let grid = self.grid;
@@ -240,12 +240,6 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
         Some(Instant { linearized: self.in_use_last, before_sample: since_sample <= 1, ..found })
     }
 
-    /// Counts the steps that the run in a lane has taken.
-    pub fn count(&mut self, lane: usize) {
-        let Some(run) = &mut self.batch.runs[lane] else { return };
-        run.steps = run.place.steps_before + run.place.step(self.clock) - run.place.segment.first;
-    }
-
     inlined! {
         /// The lanes whose present instant is watched: the state of the others has just been replaced.
         pub watched_now(&self) -> Bits =
@@ -254,11 +248,12 @@ impl<R: Lanes> EqualLanes<'_, '_, R> {
     }
 
     pub fn retire(&mut self, system: &SceneEquations<R>, lane: usize, end: End, last: &Instant) {
-        self.count(lane);
         if self.has_rows_inside() && !self.record_inside(system, last.t) {
             return;
         }
-        self.batch.retire_lane(system, lane, end, last);
+        let Some(LaneRun { place, .. }) = &self.batch.runs[lane] else { return };
+        let steps = place.steps_before + place.step(self.clock) - place.segment.first;
+        self.batch.retire_lane(system, lane, end, last, steps);
     }
 
     /// Records the rows inside the last step, which the run has followed until the time `until`. Returns whether the

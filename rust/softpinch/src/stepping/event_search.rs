@@ -5,9 +5,8 @@
 use crate::formulation::{
     ContactEquations, Equations, Evaluation, InputAt, SceneEquations, States, System, Terms,
 };
-use crate::model::contact::Side;
 use crate::model::{Geometry, Input, Motion, SegmentDrive};
-use crate::number::{LaneTask, Real, task};
+use crate::number::Real;
 use crate::stepping::contact_events::CAUSES;
 use crate::stepping::lone_steps::LoneMethod;
 use crate::stepping::monitor::{Condition, Failure};
@@ -51,11 +50,6 @@ pub struct EventStepper<'a> {
     pub h: f64,
 }
 
-task! {
-    ['a] GeometryOf<'a>(sides: &'a [Side<f64>; 2], motion: &'a Motion<f64>) for f64 => Geometry<f64> =
-        Geometry::<f64>::of(sides, &motion.q, &motion.p)
-}
-
 impl EventStepper<'_> {
     pub fn step_from(&mut self, from: &SegmentState, h: f64) -> EventResult<States<f64>> {
         let step = self.method.step(self.system, self.drive, (from.tau, &from.y), h);
@@ -67,7 +61,7 @@ impl EventStepper<'_> {
     }
 
     pub fn geometry(&self, motion: &Motion<f64>) -> Geometry<f64> {
-        f64::outlined(GeometryOf { sides: &self.equations.plant().sides, motion })
+        Geometry::called(&self.equations.plant().sides, &motion.q, &motion.p)
     }
 
     pub fn terms_at(&self, tau: f64, y: &States<f64>) -> (Terms<f64>, Motion<f64>) {

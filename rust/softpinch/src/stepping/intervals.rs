@@ -96,7 +96,6 @@ pub fn of_changes(
     intervals
 }
 
-/// Ends the last interval at `t` if it lasts.
 fn end(intervals: &mut [[f64; 2]], t: f64) {
     if let Some(interval) = intervals.last_mut().filter(|interval| interval[1].is_nan()) {
         interval[1] = t;

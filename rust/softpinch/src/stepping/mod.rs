@@ -33,13 +33,13 @@ mod tests;
 
 pub(crate) use adaptive::AdaptiveSteps;
 pub(crate) use adaptive_lanes::{AdaptiveLanes, StepStart, merged};
-pub(crate) use batch::{Finished, LaneBatch, LoopSetup, LoopSystem, POLL, RunQueue, Seen, Taken};
+pub(crate) use batch::{Finished, LaneBatch, LoopSystem, POLL, RunLoop, RunQueue, Seen, Taken};
 pub use contact_events::Change;
 pub(crate) use contact_events::{
     Cause, ContactEnd, ContactRun, Event, EventResult, Loss, MOST_EVENTS, Passage, Reason,
 };
 pub(crate) use contact_lane::{LaneContact, Moment};
-pub(crate) use ending::{End, full, interruption, overflow};
+pub(crate) use ending::{End, completed, full, interruption, overflow};
 pub use ending::{STATUSES, Status, arrival};
 pub(crate) use equal::EqualSteps;
 pub(crate) use equal_lanes::{EqualLanes, Instants};
@@ -52,8 +52,8 @@ pub(crate) use monitor::{Limits, Margins, STOP_ON, ViolationSet};
 pub use monitor::{VIOLATIONS, Violation};
 pub use options::{MAX_STEPS, Options, Steps};
 pub(crate) use phase::Phase;
+pub(crate) use record::Selection;
 pub use record::{COLUMNS, Column, RECORDABLE, Recordable, Recording, Run, reserved};
-pub(crate) use record::{Layout, Selection};
 pub(crate) use recorder::{Due, Recorder};
 pub(crate) use sizes::Sizes;
 pub(crate) use summary::{COUNT, Summaries, SummaryInstant, SummarySet};

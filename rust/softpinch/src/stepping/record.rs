@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::method::Stats;
-use crate::model::{BILATERAL_WORKS, CONTACT_WORKS, ContactRow, Energies, Motion, RELAXATIONS, WORKS};
+use crate::model::{ContactRow, Energies, Motion, RELAXATIONS};
 use crate::names::{named, set};
 use crate::stepping::{COUNT, Change, Instant, Status, VIOLATIONS};
 
@@ -77,50 +77,6 @@ named! {
     }
 }
 
-/// What the rows of a run have because of its method and its contacts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Layout {
-    /// Whether a row with a state also has the point at which the method's Jacobian was taken.
-    pub keeps_jacobian: bool,
-    /// Whether contacts can slip and open.
-    pub unilateral: bool,
-    pub moves: bool,
-    /// Length of the state of the run's discrete controller; 0 if it has none.
-    pub controller: usize,
-    pub relaxation: usize,
-}
-
-impl Layout {
-    pub fn widths(self, selection: Selection) -> [usize; COLUMNS.len()] {
-        let Self { keeps_jacobian, unilateral, moves, controller, relaxation } = self;
-        let works = match (moves, unilateral) {
-            (true, _) => WORKS,
-            (false, true) => CONTACT_WORKS,
-            (false, false) => BILATERAL_WORKS,
-        };
-        let has = |quantity| selection.contains(quantity);
-        let state = has(Recordable::State);
-        COLUMNS.map(|(_, column)| {
-            let (recorded, width) = match column {
-                Column::T => (true, 1),
-                Column::GridAnchor | Column::GridStep => (state, 1),
-                Column::Q | Column::P => (state, 9),
-                Column::Memory => (state, 2),
-                Column::Linearized => (state && keeps_jacobian, 21 + relaxation),
-                Column::Relaxation => (state, relaxation),
-                Column::Controller => (state, controller),
-                Column::Multipliers => (has(Recordable::Multipliers), 4),
-                Column::Residuals => (has(Recordable::Residuals), 4),
-                Column::Energy => (has(Recordable::Energy), 3 + works),
-                Column::Torque => (has(Recordable::Torque), 2),
-                Column::Contacts => (state && unilateral, 4),
-                Column::Modes => (has(Recordable::Contact), 2),
-            };
-            if recorded { width } else { 0 }
-        })
-    }
-}
-
 /// The rows of a run.
 #[derive(Debug, Clone, Default)]
 pub struct Recording {
@@ -132,8 +88,8 @@ pub struct Recording {
 
 impl Recording {
     /// A recording with room for `rows` rows. The error says that there is no memory for them.
-    pub fn with_capacity(selection: Selection, layout: Layout, rows: u64) -> Result<Self> {
-        let mut recording = Self { widths: layout.widths(selection), ..Self::default() };
+    pub fn with_capacity(widths: [usize; COLUMNS.len()], rows: u64) -> Result<Self> {
+        let mut recording = Self { widths, ..Self::default() };
         recording.reserve(rows)?;
         Ok(recording)
     }
@@ -207,8 +163,8 @@ impl Recording {
 
 /// A finished run.
 #[derive(Debug, Clone)]
+#[allow(missing_docs)] // of fields that their types explain
 pub struct Run {
-    /// The rows, if the run was recorded.
     pub recording: Recording,
     /// The last instant, whether or not it was recorded.
     pub last: Instant,
@@ -218,7 +174,6 @@ pub struct Run {
     pub initial_energies: Option<Energies>,
     /// Number of states of Maxwell branches.
     pub branches: usize,
-    /// The status with which it ended.
     pub status: Status,
     /// The status in words, with the numbers; empty if a run that is not recorded has reached its end.
     pub message: String,

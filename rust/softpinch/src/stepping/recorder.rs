@@ -128,7 +128,7 @@ mod tests {
     use crate::model::scene::Scene;
     use crate::model::start::{State, contact};
     use crate::stepping::COUNT;
-    use crate::stepping::record::{Column, Layout, Recordable};
+    use crate::stepping::record::{COLUMNS, Column};
 
     fn scene() -> Scene {
         let parameters = Parameters::default();
@@ -148,8 +148,12 @@ mod tests {
     /// Watches the instants as a step loop does, and ends the run at the last of them.
     fn recorded(due: Due<'_>, instants: &[(f64, bool)]) -> Run {
         let scene = scene();
-        let selection = [Recordable::State].into_iter().collect();
-        let recording = Recording::with_capacity(selection, Layout::default(), 0).expect("there is room");
+        let widths = COLUMNS.map(|(_, column)| match column {
+            Column::T => 1,
+            Column::Q => 9,
+            _ => 0,
+        });
+        let recording = Recording::with_capacity(widths, 0).expect("there is room");
         let mut recorder = Recorder::new(recording, due);
         for &(t, inside) in instants {
             if recorder.is_due(t, inside) {
