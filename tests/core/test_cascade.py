@@ -11,7 +11,10 @@ import pytest
 
 import softpinch as sp
 from ensembles import require_alone
-from sampled_blocks import PUSH, SAME, TURN, Block, drawn, under_held_torques
+from oracle.parts import PartsModel, parts_reference
+from other_hands import SCENES
+from sampled_blocks import PUSH, SAME, TURN, WEAK, Block, drawn, under_held_torques
+from softpinch.run import Options, Request
 from transforms import Units
 
 EYE, ZERO = np.eye(2), np.zeros((2, 2))
@@ -58,7 +61,7 @@ def until(end: float, start: float) -> float | None:
     return next((x for x in (near, *np.nextafter(near, [0.0, 1.0])) if start + x == end), None)
 
 
-def by_scipy(scene: sp.Scene) -> tuple[np.ndarray, np.ndarray]:
+def by_scipy(scene: sp.Scene, held: Any = under_held_torques) -> tuple[np.ndarray, np.ndarray]:
     """The last q and p, by SciPy between the instants at which a block does something."""
     parts = [block for _, block in scene.control.blocks()]  # type: ignore[union-attr]
     blocks = [Block(one, k, scene.duration) for k, one in enumerate(parts)][::-1]
@@ -71,7 +74,7 @@ def by_scipy(scene: sp.Scene) -> tuple[np.ndarray, np.ndarray]:
         for block in blocks:
             block.at(begin, state.q, state.p, target, schedule)
             target = block.force
-        state = under_held_torques(scene, state, begin, end, target)
+        state = held(scene, state, begin, end, target)
     return state.q, state.p
 
 
@@ -127,16 +130,65 @@ def test_a_cascade_is_that_of_scipy(name: str) -> None:
     assert exact.success
     for found, expected in ((exact.q[-1], q), (exact.p[-1], p)):
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
-    # The camera matters, and equal steps keep the order four.
+    # The camera matters, and so does what the loop is named after.
     alone = sp.simulate(replace(scene, control=SERVO), 1e-4)
     assert np.abs(alone.q[-1] - q).max() > 1e-5
-    errors = [
-        np.abs(sp.simulate(scene, dt, formulation="projected").q[-1] - q).max()
-        for dt in (2e-4, 1e-4, 5e-5)
-    ]
-    # Segments are shorter than steps, so that halving dt may halve few of them.
-    assert errors[-1] < 1e-7
-    assert errors[0] < 1e-5
+    plain = sp.simulate(scene_of(LOOPS["two rates"]), 1e-4)
+    assert name == "two rates" or np.abs(plain.q[-1] - q).max() > 1e-5
+    # Equal steps keep the order four. Segments may be shorter than dt, so each step is halved.
+    request = Request(scene, Options.checked(dt=2e-4, formulation="projected"))
+    errors = []
+    for refine in (1, 2, 4):
+        final = request.run_to_end(refine)["final"]
+        errors.append(np.hstack([(final["q"] - q) / 0.1, final["p"] - p]))
+    sizes = np.abs(errors).max(axis=1)
+    orders = np.log2(sizes[:-1] / sizes[1:])
+    assert ((orders > 3.5) & (orders < 4.5)).all(), (sizes, orders)
+
+
+def by_parts(scene: sp.Scene) -> tuple[np.ndarray, np.ndarray]:
+    """The last q and p by SciPy with SymPy's equations of other parts, derived once."""
+    weak = replace(scene, control=sp.Pid(kp=WEAK, kd=0.0, ki=0.0))
+    model = PartsModel(weak)
+
+    def held(_: sp.Scene, state: sp.State, begin: float, end: float, force: Any) -> sp.State:
+        schedule = sp.Schedule.steps([0.0], [force / WEAK])
+        start = replace(state, time=begin, check=False)
+        one = replace(weak, schedule=schedule, initial=start, duration=end - begin)
+        last = parts_reference(one, [begin + one.duration], model=model)
+        return sp.State(last.q[-1], last.p[-1])
+
+    return by_scipy(scene, held)
+
+
+# In N, N/m, N s/m and N/(m s); of the link in N m.
+GRIPPER = sp.SampledController.pid(
+    1e-3, 2e3, 30.0, 2e4, delay=1.45e-3, limits=(-40.0, 40.0), initial_torque=(14.0, 12.0)
+)
+BOTH = np.array([[4.0, 2e3], [0.05, 30.0]])  # K_P and K_D of a link and of a jaw
+
+
+@pytest.mark.parametrize("name", ["jaws and a box", "a link and a jaw"])
+def test_jaws_have_the_forces_of_a_sampled_law(name: str) -> None:
+    """Beside SymPy's equations with forces held between the instants; a jaw in a cascade too."""
+    control = GRIPPER
+    if name == "a link and a jaw":
+        gains = np.hstack([-np.diag(row) for row in BOTH])
+        move = np.array([[0.4], [-0.02]])  # rad and m for a rad
+        camera = replace(CAMERA, D=np.hstack([move, 0.002 * move, -0.002 * move, EYE]), C=5 * move)
+        servo = sp.SampledController(1.3e-3, D=gains, delay=0.4e-3, initial_torque=(0.4, 12.0))
+        camera = replace(camera, initial_torque=(0.08, 6e-3))
+        control = sp.SampledController.cascade([camera, servo])
+    scene = replace(
+        SCENES[name], control=control, disturbances=[replace(PUSH, moment=0.02)], duration=0.03
+    )
+    q, p = by_parts(scene)
+    exact = sp.simulate(scene, method="dop853", formulation="projected", tolerance=1e-12)
+    assert exact.success
+    for found, expected in ((exact.q[-1], q), (exact.p[-1], p)):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
+    held = replace(scene, control=sp.Torque(), schedule=sp.Schedule.steps([0], [[14.0, 12.0]]))
+    assert np.abs(sp.simulate(held).q[-1] - q).max() > 1e-4
 
 
 def test_instants_that_differ_by_round_off_are_one() -> None:

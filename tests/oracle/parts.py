@@ -293,7 +293,11 @@ def reference_of(scene: Scene, times: ArrayLike, method: str = "DOP853") -> Refe
 
 
 def parts_reference(
-    scene: Scene, times: ArrayLike, method: str = "DOP853", rtol: float = 1e-12
+    scene: Scene,
+    times: ArrayLike,
+    method: str = "DOP853",
+    rtol: float = 1e-12,
+    model: PartsModel | None = None,
 ) -> Reference:
     """Integrates a scene with other parts, as `trajectory.reference` does one with the paper's.
 
@@ -302,8 +306,9 @@ def parts_reference(
         times: (n,), s, within the run.
         method: One of scipy.integrate's.
         rtol: Relative tolerance; the absolute one is a share of it, of fixed sizes.
+        model: That of a scene whose numbers are the same, to save its derivation.
     """
-    model, start = PartsModel(scene), scene.start()
+    model, start = model or PartsModel(scene), scene.start()
     state = np.concatenate([start.q[:5], start.q[7:], start.integral, start.p[:5]])
     off = np.abs(model.row(state, (0.0,) * model.asked)[0] - start.q).max()
     if off > 1e-10:
