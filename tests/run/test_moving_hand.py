@@ -399,17 +399,6 @@ def test_a_grasp_does_not_creep() -> None:
         assert rise((0.1, 0.05), **options) == pytest.approx(lifted, rel=1e-3)
 
 
-REFUSED = {
-    "moves an instant at which the hand's acceleration jumps": lambda: sp.simulate(
-        replace(UNLIKE, motion=sp.HandMotion.trapezoid([0.0, 0.1], [[0, 0], [0.02, 0.0]], 10.0)),
-        dt=1e-3,
-        sensitivities="motion.acceleration",
-    ),
-    "Scene.motion: turns at t = 0.03 s": lambda: sp.equilibrium(CARRIED, time=0.03),
-}
-
-
-@pytest.mark.parametrize("message", REFUSED)
-def test_a_computation_without_motions_says_so(message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        REFUSED[message]()
+def test_a_computation_without_motions_says_so() -> None:
+    with pytest.raises(ValueError, match=r"Scene\.motion: turns at t = 0\.03 s"):
+        sp.equilibrium(CARRIED, time=0.03)

@@ -17,11 +17,11 @@ DT = 1e-4
 # Steps end here in every run, because an input of size zero begins here; and at the end.
 KEPT = (0.0031, 0.0073, 0.0123)
 MARKS = tuple(sp.Step(time=time) for time in KEPT)
-# Shifts of a time, s, smaller than what adds a step of DT to a segment.
+# Shifts of a time, as shares of a millisecond, smaller than what adds a step of DT to a segment.
 # Where two breaks coincide, the error of differences is only of the first order.
-LADDER = (2e-5, 6e-6, 2e-6, 2e-7)
+LADDER = np.array([2e-2, 6e-3, 2e-3, 2e-4])
 # A derivative that moves the motion by less than this share in a millisecond counts as zero.
-LEAST = 1e-6 / 1e-3
+LEAST = 1e-6
 
 PUSH: dict[str, Any] = {"force": (6.0, -4.0), "moment": 0.04}
 ANGLES = np.deg2rad([[4, 5], [8, 3], [6, 6]])
@@ -31,6 +31,24 @@ IMPULSE = sp.Impulse(time=0.00557, impulse=(0.02, -0.01), angular_impulse=3e-4)
 
 def with_load(load: Any, *more: Any, **changes: Any) -> sp.Scene:
     return uneven(disturbances=(load, *MARKS, *more), **changes)
+
+
+# Moves of the hand with jumps of its acceleration, or of its jerk.
+WAY = np.array([[0.0, 0.0], [1e-4, 6e-5], [3e-5, 2e-4]])
+MOVES = {
+    "trapezoid": sp.HandMotion.trapezoid([0.00213, 0.00957], WAY[:2], 20.0, [0.1, 0.3]),
+    "limited jerk": sp.HandMotion.jerk_limited([0.00213, 0.00957], WAY[:2], 20.0, 4e4, [0.1, 0.3]),
+    "measured accelerations": sp.HandMotion.sampled(
+        [0.00213, 0.00557, 0.01011], accelerations=1e5 * WAY, tilts=[0.1, 0.3, 0.2]
+    ),
+    "held accelerations": sp.HandMotion.sampled(
+        [0.00213, 0.00557, 0.01011], accelerations=1e5 * WAY + 5.0, tilts=0.2, hold=True
+    ),
+}
+
+
+def carried(name: str, **changes: Any) -> sp.Scene:
+    return uneven(motion=MOVES[name], disturbances=MARKS, **changes)
 
 
 def driven(**changes: Any) -> sp.Scene:
@@ -70,7 +88,15 @@ SCENES = {
         disturbances=MARKS,
     ),
     "driven fingers": driven(),
+    **{name: carried(name) for name in MOVES},
+    "driven fingers, carried": driven(motion=MOVES["trapezoid"]),
 }
+
+
+def size(scene: sp.Scene, path: str) -> float:
+    """A millisecond; of numbers that are no times, the largest one's size."""
+    is_time = path.split(".")[-1] in paths_of.TIMES
+    return 1e-3 if is_time else float(np.abs(paths_of.value(scene, path)).max())
 
 
 def at_kept(run: sp.Run) -> Any:
@@ -89,6 +115,10 @@ def test_differences_agree_where_breakpoints_move(name: str, formulation: str) -
     marks = [f"disturbances.{k}.time" for k in (1, 2, 3)]
     times = paths_of.inputs(scene, times=True)
     paths = [path for path in times if path.startswith(own) and path not in marks]
+    if scene.motion is not None:
+        # The points of a move determine the instants of its jumps, too.
+        names = ("times", "points", "accelerations", "acceleration", "jerk")
+        paths = [f"motion.{name}" for name in names if np.any(getattr(scene.motion, name, None))]
     run = sp.simulate(scene, sensitivities=paths, **how)
     assert run.success
     rows = at_kept(run)
@@ -102,7 +132,9 @@ def test_differences_agree_where_breakpoints_move(name: str, formulation: str) -
 
             ours = run.sensitivity[path][(rows, ..., *index)]
             moves += bool(ours.any())
-            assert closest(ours, moved, LADDER, LEAST * states(run)[rows]) <= 1e-7, (path, index)
+            least = LEAST / size(scene, path) * states(run)[rows]
+            steps = (LADDER * size(scene, path)).tolist()
+            assert closest(ours, moved, steps, least) <= 1e-7, (path, index)
     assert moves > 0
 
 

@@ -31,7 +31,7 @@ from .template import SceneTemplate
 
 # The imaginary part. Its square is zero beside any number, so that only first derivatives remain.
 _TINY = 1e-200
-# A jump of the acceleration below this share of the largest coefficient is round-off.
+# A jump of the hand's acceleration below this share of its largest coefficient is round-off.
 _JUMP = 1e-9
 # Fields of a `State` -> the columns of the start's derivative, which are q, p and integral.
 STARTS = {"q": slice(0, 9), "p": slice(9, 18), "integral": slice(18, 20)}
@@ -43,6 +43,8 @@ _REFUSED = {
 
 # The compiled schedule, as the force of a load, and then the disturbances.
 _Compiled: TypeAlias = tuple[Compiled, ...]
+# A number of a scene: a path, and the index in its value.
+_Entry: TypeAlias = tuple[str, tuple[int, ...]]
 
 
 def require_derivatives(scene: Scene) -> None:
@@ -125,11 +127,12 @@ def directions(
     start = "driven" if derived and scene.fingers == "driven" else derived
     start = "contact" if start == "apart" else start
     template = _template(scene if shared is None else shared, paths, varied)
-    entries = [(path, at) for path in paths for at in np.ndindex(*template.shapes[path])]
+    entries = _entries(template, paths)
     parameters = np.zeros((len(entries), len(_core.PARAMETERS)))
     initial = np.zeros((len(entries), 20))
     base = _compiled(scene)
     slopes = [_slopes(scene, base, path, index) for path, index in entries]
+    motion, shifts = _motion_slopes(scene, entries)
     for k, (path, index) in enumerate(entries):
         parameters[k, template.slots.get(path, [])] = 1.0
         root, name, *inside = [*path.split("."), ""][:3]
@@ -138,16 +141,16 @@ def directions(
             initial[k, STARTS[name]][places] = 1.0
     if seeds is not None:
         initial = np.ascontiguousarray(seeds.T)
-    shifts = [row for k, slope in enumerate(slopes) for row in _shifts(scene, base, slope, k)]
+    shifts += [row for k, slope in enumerate(slopes) for row in _shifts(scene, base, slope, k)]
     # Impulses follow in the order of their times.
     times = np.array([impulse[0] for load in base for impulse in load.impulses])
     moved = [[impulse[0] for load in slope for impulse in load.impulses] for slope in slopes]
     impulse_times = np.array(moved, dtype=np.float64).reshape(len(slopes), len(times))
     return _core.Directions(
         parameters,
-        _inputs(scene, base, slopes, _motion_slopes(scene, entries)),
+        _inputs(scene, base, slopes, motion),
         initial=initial,
-        shifts=np.array(shifts, dtype=np.float64).reshape(-1, 9),
+        shifts=np.array(shifts, dtype=np.float64).reshape(-1, 11),
         impulse_times=impulse_times[:, np.argsort(times, kind="stable")],
         start=start,
     )
@@ -155,13 +158,17 @@ def directions(
 
 def move_breakpoints(scene: Scene, paths: Sequence[str]) -> bool:
     """Returns whether a path moves an instant at which an input jumps or kinks."""
-    base = _compiled(scene)
-    for load in (load for path in paths for load in _slopes(scene, base, path, ())):
+    base, entries = _compiled(scene), _entries(_template(scene, paths, ()), paths)
+    for load in (load for entry in entries for load in _slopes(scene, base, *entry)):
         times = [breaks for breaks, _ in load.forces]
         times += [row[:2] for row in load.sines] + [row[:1] for row in load.impulses]
         if any(each.any() for each in times):
             return True
-    return False
+    return bool(_motion_slopes(scene, entries)[1])
+
+
+def _entries(template: SceneTemplate, paths: Sequence[str]) -> list[_Entry]:
+    return [(path, at) for path in paths for at in np.ndindex(*template.shapes[path])]
 
 
 def _compiled(scene: Scene) -> _Compiled:
@@ -251,11 +258,12 @@ def _held(of: Piecewise, slope: Piecewise) -> Piecewise:
 
 
 def _motion_slopes(
-    scene: Scene, entries: Sequence[tuple[str, tuple[int, ...]]]
-) -> tuple[Piecewise, Piecewise, Floats] | None:
-    """Returns the derivatives of the hand's motion, as the motions of as many runs."""
+    scene: Scene, entries: Sequence[_Entry]
+) -> tuple[tuple[Piecewise, Piecewise, Floats] | None, list[Floats]]:
+    """Returns the derivatives of the hand's motion, as the motions of as many runs, and shifts."""
+    shifts: list[Floats] = []
     if scene.motion is None:
-        return None
+        return None, shifts
 
     def one(array: Any) -> Any:
         return array[None]
@@ -263,7 +271,7 @@ def _motion_slopes(
     acceleration, tilt, sine = scene.motion.compile().map(one).core()
     base = [(breaks[0], rows[0]) for breaks, rows in (acceleration, tilt)]
     found: tuple[list[Floats], ...] = ([], [], [])
-    for path, index in entries:
+    for direction, (path, index) in enumerate(entries):
         root, *steps = path.split(".")
         slopes = [np.zeros_like(rows) for _, rows in base] + [np.zeros_like(sine[0])]
         if root == "motion":
@@ -271,17 +279,17 @@ def _motion_slopes(
             slopes[2] = _imaginary_part(wave[0])
             for k, (own, pieces) in enumerate(zip(base, moved, strict=True)):
                 slope = (_imaginary_part(pieces[0][0]), _imaginary_part(pieces[1][0]))
-                jumps = [jump for _, _, jump, _ in _jumps(own, slope)] if k == 0 else []
-                size = float(np.abs(own[1]).max())
-                if any(np.abs(jump).max() > _JUMP * size for jump in jumps):
-                    why = "it moves an instant at which the hand's acceleration jumps"
-                    raise ValueError(f"sensitivities: {path!r}: {why}; a minimum jerk has no jumps")
+                least = _JUMP * float(np.abs(own[1]).max())
+                for time, by, jump, _ in _jumps(own, slope) if k == 0 else ():
+                    # A jump that is round-off is none.
+                    if np.abs(jump).max() > least:
+                        shifts.append(_shift(direction, time, 9, -by * jump))
                 slopes[k] = _held(own, slope)[1]
         for rows, slope in zip(found, slopes, strict=True):
             rows.append(np.ascontiguousarray(slope))
     several = [np.tile(breaks, (len(entries), 1)) for breaks, _ in base]
     accelerations, tilts, sines = map(np.array, found)
-    return (several[0], accelerations), (several[1], tilts), sines
+    return ((several[0], accelerations), (several[1], tilts), sines), shifts
 
 
 def _inputs(
@@ -318,27 +326,31 @@ def _inputs(
     return _core.Inputs(forces[0], forces[1:], sines, impulses, noises, scene.law, motion=motion)
 
 
-def _shifts(
-    scene: Scene, base: _Compiled, slope: _Compiled, direction: int
-) -> Iterator[list[float]]:
-    """Yields the shifts of one direction: rows of `Directions.shifts`."""
+def _shifts(scene: Scene, base: _Compiled, slope: _Compiled, direction: int) -> Iterator[Floats]:
+    """Yields the shifts of one direction by schedule and disturbances."""
     for time, by, jump, bend in _jumps(base[0].forces[0], slope[0].forces[0]):
         # Driven fingers follow a schedule without jumps, but their accelerations jump.
-        driven = scene.law == "driven"
-        target, acceleration = (0.0 * jump, bend) if driven else (jump, 0.0 * bend)
-        yield [direction, time, *(-by * target), *(-by * acceleration), 0.0, 0.0, 0.0]
+        at, change = (4, bend) if scene.law == "driven" else (2, jump)
+        yield _shift(direction, time, at, -by * change)
     for load, moved in zip(base[1:], slope[1:], strict=True):
         for force, own in zip(load.forces, moved.forces, strict=True):
             for time, by, jump, _ in _jumps(force, own):
-                yield [direction, time, 0.0, 0.0, 0.0, 0.0, *(-by * jump)]
+                yield _shift(direction, time, 6, -by * jump)
         for sine, own_sine in zip(load.sines, moved.sines, strict=True):
             start, end, omega, phase = sine[:4]
             if own_sine[0]:
                 jump = sine[4:] * np.sin(phase)
-                yield [direction, start, 0.0, 0.0, 0.0, 0.0, *(-own_sine[0] * jump)]
+                yield _shift(direction, start, 6, -own_sine[0] * jump)
             if own_sine[1]:
                 jump = -sine[4:] * np.sin(omega * (end - start) + phase)
-                yield [direction, end, 0.0, 0.0, 0.0, 0.0, *(-own_sine[1] * jump)]
+                yield _shift(direction, end, 6, -own_sine[1] * jump)
+
+
+def _shift(direction: int, time: float, at: int, by: Floats) -> Floats:
+    """Returns a row of `Directions.shifts` with the numbers `by` from column `at` on."""
+    row = np.zeros(11)
+    row[:2], row[at : at + len(by)] = (direction, time), by
+    return row
 
 
 def _jumps(of: Piecewise, slope: Piecewise) -> Iterator[tuple[float, float, Floats, Floats]]:

@@ -20,9 +20,9 @@ use softpinch::stepping::{Options, SUMMARIES, Summary};
 type Numbers<'py> = Bound<'py, PyArray<f64, Ix3>>;
 
 /// Directions in which runs are differentiated. The rows of `parameters` (d, 38), `initial` (d, 20) and `impulse_times`
-/// (d, impulses) and the runs of `inputs` are the directions. `shifts` (m, 9) has the direction, the time, and the
-/// shifts of the targets (2), of their accelerations (2) and of the forces (3). `start` says what the start follows
-/// from; None if it is given.
+/// (d, impulses) and the runs of `inputs` are the directions. `shifts` (m, 11) has the direction, the time, and the shifts of
+/// the targets (2), of their accelerations (2), of the forces (3) and of the hand's acceleration (2). `start` says what
+/// the start follows from; None if it is given.
 #[pyclass(frozen, module = "softpinch._core")]
 pub struct Directions {
     directions: Vec<Direction>,
@@ -43,7 +43,7 @@ impl Directions {
     ) -> PyResult<Self> {
         let parameters = columns::<PARAMETER_COUNT>("parameters", &parameters)?;
         let initial = columns::<20>("initial", &initial)?;
-        let shifts = columns::<9>("shifts", &shifts)?;
+        let shifts = columns::<11>("shifts", &shifts)?;
         let impulse_times = impulse_times.as_array();
         let count = parameters.len();
         require(initial.len() == count && impulse_times.nrows() == count, || {
@@ -70,7 +70,7 @@ impl Directions {
     }
 }
 
-fn shift(row: &[f64; 9]) -> Shift {
+fn shift(row: &[f64; 11]) -> Shift {
     let [_, time, by @ ..] = *row;
     Shift { time, by }
 }

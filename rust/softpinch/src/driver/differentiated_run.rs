@@ -220,16 +220,17 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// the derivatives with and without a shift is exact.
     #[inline(always)]
     fn shift(&self, time: f64, input: &Input<RunDual<R>>, place: &mut Place<'_, R>) {
-        let mut moved = *input;
+        let (mut moved, mut shifted) = (*input, place.clone());
         let Input { target, target_acceleration, force, .. } = &mut moved;
-        let all = target.iter_mut().chain(target_acceleration).chain(force);
+        let frame = shifted.drive.frame.iter_mut().flat_map(|frame| frame.constants());
+        let all = target.iter_mut().chain(target_acceleration).chain(force).chain(frame);
         for (c, number) in all.enumerate() {
             let here = |one: &Direction| {
                 one.shifts.iter().filter(|shift| shift.time == time).map(|shift| shift.by[c]).sum()
             };
             *number = *number + self.varied(0.0, here);
         }
-        let (with, without) = (self.rates(&moved, place), self.rates(input, place));
+        let (with, without) = (self.rates(&moved, &shifted), self.rates(input, place));
         for n in 0..MAX_COMPONENTS {
             place.y[n] = place.y[n] + (with[n] - without[n]);
         }

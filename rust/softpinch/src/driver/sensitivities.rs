@@ -48,8 +48,8 @@ pub struct Shift {
     /// The time of the breakpoint, s.
     pub time: f64,
     /// Minus the jumps, times the derivative of the time: of the targets (rad or N m), of the accelerations of driven
-    /// fingers, and of the forces on the object (N and N m).
-    pub by: [f64; 7],
+    /// fingers, of the forces on the object (N and N m), and of the acceleration of the hand along fixed axes.
+    pub by: [f64; 9],
 }
 
 /// The quantities whose derivatives a row has, with the number of components of each.

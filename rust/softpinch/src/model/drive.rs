@@ -69,7 +69,7 @@ pub(crate) struct SegmentFrame<R> {
     pub(super) direction: [R; 2],
     pub(super) swings: bool,
     /// Whether the tilt changes in any lane.
-    pub(super) turns: bool,
+    pub(crate) turns: bool,
 }
 
 impl<R: Lanes> SegmentFrame<R> {
@@ -98,6 +98,11 @@ impl<R: Lanes> SegmentFrame<R> {
         set_numbers(&mut self.direction, lane, &own.direction);
         self.degree = self.degree.max(own.degree);
         (self.swings, self.turns) = (self.swings | own.swings, self.turns | own.turns);
+    }
+
+    /// The constants of the accelerations along fixed axes.
+    pub(crate) fn constants(&mut self) -> impl Iterator<Item = &mut R> {
+        self.channels[..2].iter_mut().map(|channel| &mut channel[0])
     }
 
     /// The motion at time `tau` since the segment's start, compiled with the instructions of the caller.
