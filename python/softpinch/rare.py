@@ -137,7 +137,7 @@ def rare_event(
             up to 12 random numbers, else "subset".
         summaries: Summaries to compute for an `event` that is a function.
         threads: Number of threads; None takes as many as the process may use.
-        progress: As for `monte_carlo`, with the largest number of runs.
+        progress: As for `monte_carlo`, with the largest number of runs; the bar names the level.
         store: A folder for the runs, as Parquet files. A repeated call reads those that it has, and
             computes the others. These runs are no independent draws.
         options: `dt`, `tolerance`, `formulation`, `stabilization`, `stop_on`, `max_steps` and
@@ -181,7 +181,7 @@ def rare_event(
         method = "subset" if method == "auto" else method
     usual.warn(scene)
     runner.check()
-    with runner.keeping(store), reporting(progress, "rare event") as runner.report:
+    with runner.keeping(store), reporting(progress, lambda: runner.stages[-1]) as runner.report:
         return runner.result(method)
 
 
@@ -262,6 +262,7 @@ class _Runner:
         self._spec, self._distance, self._threads = spec, distance, threads
         self._instants = instants
         self.report: Report
+        self.stages = ["rare event"]  # named by the bar
         self._writer: Any = None
         self._kept: list[Rows] = []  # from the folder, of the next calls
         self._columns: dict[Key, slice] = {}  # of the points (n, d)
@@ -358,7 +359,9 @@ class _Runner:
         """Computes the runs, and estimates the probability."""
         most, times = self._spec.draws.runs, self.times if method == "splitting" else None
         rng = np.random.Generator(np.random.Philox(self._spec.draws.seed))
-        found, method = estimate(self, self.dimensions, most, rng, method, times)
+        found, method = estimate(
+            self, self.dimensions, most, rng, method, times, self.stages.append
+        )
         warnings, value = [*found.warnings], found.probability if found.found else 0.0
         low, high = (found.end(-1.0), found.end(1.0)) if value else (0.0, found.end(1.0))
         if not value:

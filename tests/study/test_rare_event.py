@@ -1,6 +1,7 @@
 """`rare_event`, beside closed forms, plain runs and its own arguments."""
 
 import contextlib
+import io
 import math
 import os
 import signal
@@ -243,6 +244,28 @@ def test_progress_counts_runs() -> None:
     found = sp.rare_event(SHORT, {"grasped.mass": sp.Normal(0.1, 0.01)}, light(0.06), 1000, **how)
     assert seen == sorted(seen)
     assert seen[-1] == (found.runs, 1000)
+
+
+def test_the_bar_names_the_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a terminal: each level with its distance and its probability so far."""
+    bars = pytest.importorskip("rich.progress")
+    drawn: list[str] = []
+    update = bars.Progress.update
+
+    def spy(bar: Any, task: Any, **given: Any) -> None:
+        drawn.append(given["description"])
+        update(bar, task, **given)
+
+    monkeypatch.setattr(bars.Progress, "update", spy)
+    monkeypatch.setattr("sys.stderr", terminal := io.StringIO())
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    found = sp.rare_event(SHORT, NORMAL, light(0.06), 3000, 1, "importance", dt=1e-3)
+    assert drawn[0] == "rare event"
+    total = 1.0
+    for number, level in enumerate(found.levels[:-1], 1):
+        total *= level.probability
+        assert f"level {number}: {total:.2g} within {level.threshold:.3g} of the event" in drawn
+    assert "weighted runs, after" in drawn[-1]
 
 
 def test_correlated_and_chosen_numbers() -> None:

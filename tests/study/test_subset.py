@@ -161,6 +161,38 @@ def test_importance(
     assert np.mean(covered) > 0.95 - 4.0 * math.sqrt(0.95 * 0.05 / 30)
 
 
+@pytest.mark.parametrize("distance", [plane(4.753), opposite(4.753)])
+def test_many_numbers_are_weighted_in_the_directions_that_lead_to_the_event(
+    distance: Callable[..., np.ndarray],
+) -> None:
+    probability = BELOW(-4.753) * (1 + (distance(-9.0 * np.eye(1, 100)) <= 0.0)[0])
+    for seed in range(4):
+        found, method = estimate(distance, 100, 20_000, generator(seed))
+        assert method == "importance" and found.cov < 0.05
+        assert abs(found.probability / probability - 1.0) < 4.0 * found.cov
+
+
+def test_many_numbers_without_such_directions_keep_the_levels() -> None:
+    """Outside of a ball of 50 dimensions, every direction leads to the event."""
+    radius = 9.76  # the probability is that of chi-square
+    found, method = estimate(lambda u: radius - np.linalg.norm(u, axis=1), 50, 20_000, generator(1))
+    assert method == "subset"
+    wanted = math.exp(-0.5 * radius**2) * sum(
+        (0.5 * radius**2) ** k / math.factorial(k) for k in range(25)
+    )
+    assert found.end(-1.0) < wanted < found.end(1.0)
+
+
+def test_many_numbers_without_derivatives_keep_the_levels() -> None:
+    """Steps lead to the event, and no direction does."""
+
+    def distance(u: np.ndarray) -> np.ndarray:
+        return np.where(u[:, 0] > 2.5, -1.0, np.where(u[:, 0] > 1.2, 1.0, 2.0))
+
+    found, method = estimate(distance, 40, 5000, generator(1))
+    assert method == "subset" and found.end(-1.0) < BELOW(-2.5) < found.end(1.0)
+
+
 def test_an_event_that_never_happens_is_not_found() -> None:
     found = subset(lambda u: 1.0 + (u**2).sum(axis=1), 2, 1)
     assert not found.found

@@ -37,13 +37,16 @@ _FAR = 5.0
 _WIDER = 1.15
 # Fewer effective lineages hardly tell how many ways to the event there are.
 _FEW_LINEAGES = 5.0
-# The most dimensions for which "auto" is "importance".
-FEW = 12
+# The most dimensions in which runs are weighted; of more, these lead to the event. Then "auto" tries
+# it if there are so many runs for each dimension, and takes the smaller `cov`.
+FEW, _RUNS_EACH = 12, 100
 
 # Weights, which are 1 together, and frozen distributions of SciPy.
 Mixture: TypeAlias = list[tuple[float, Any]]
 # From points (n, d) to their distances to the event (n,).
 Distance = Callable[[Floats], Floats]
+# Takes a text about where the computation is.
+Tell = Callable[[str], object]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -107,15 +110,17 @@ def estimate(
     rng: np.random.Generator,
     method: str = "auto",
     times: Floats | None = None,
+    tell: Tell = str,
 ) -> tuple[Found, str]:
     """The probability of an event by at most `most` calls, and the method that gave it.
 
     Some of the calls find the levels; the others give the estimate. `times` is for "splitting".
     """
     size = int(np.clip(most // 30, 100, 1000))
-    pilot = found = subset_simulation(distance, dimensions, size, most, rng, times)
+    pilot = found = subset_simulation(distance, dimensions, size, most, rng, times, tell)
     left = pilot.left
-    few = method == "importance" or (method == "auto" and dimensions <= FEW)
+    choose = method == "auto" and dimensions > FEW
+    few = method in ("auto", "importance") and not (choose and dimensions * _RUNS_EACH > most)
     method = "splitting" if method == "splitting" else "subset"
     if not pilot.interrupted:
         deepest = pilot.probability * math.exp(-3.0 * pilot.spread) if pilot.found else LEAST
@@ -125,16 +130,18 @@ def estimate(
         size = int(part * left / (levels - (levels - 1) / LENGTH))
         if size >= 10 * LENGTH:
             most = int(bound * left)
-            found = subset_simulation(distance, dimensions, size, most, rng, times)
+            found = subset_simulation(distance, dimensions, size, most, rng, times, tell)
             left -= most - found.left
             if pilot.found and not found.found:
                 lost = ["most runs did not lead to the event: this is what the others give"]
                 lost = pilot.warnings + lost * (not found.interrupted)
                 found = replace(pilot, interrupted=found.interrupted, warnings=lost)
     if few and not found.interrupted and (len(found.levels) > 1 or not found.found):
+        tell(f"weighted runs, after {len(found.levels)} levels to {found.probability:.2g}")
         try:
-            found = importance_sampling(distance, found, left, rng)
-            method = "importance"
+            weighted = importance_sampling(distance, found, left, rng)
+            if not choose or weighted.cov < found.cov:
+                found, method = weighted, "importance"
         except KeyboardInterrupt:
             found = replace(found, interrupted=True)
     if found.found and pilot.found:
@@ -162,6 +169,7 @@ def subset_simulation(
     most: int,
     rng: np.random.Generator,
     times: Floats | None = None,
+    tell: Tell = str,
 ) -> Found:
     """Goes down level by level, with `size` points in each, and at most `most` calls in all.
 
@@ -195,6 +203,7 @@ def subset_simulation(
             descent = _descent(result.lineages, chains * LENGTH, number)
             result.cov = math.sqrt(max(squares, descent))
             result.warnings += _warnings(number, result.levels[-1], len(lineages))
+            tell(f"level {number}: {result.probability:.2g} within {threshold:.3g} of the event")
             result.found, length = threshold == 0.0, min(LENGTH, 1 + result.left // chains)
             if result.found or inside.all() or result.probability < LEAST or length < 3:
                 return result
@@ -278,30 +287,41 @@ def importance_sampling(
     Some runs look in all directions, for ways to the event that the levels did not lead to.
     """
     normal = _scipy("stats").multivariate_normal
-    d, points = levels.points.shape[1], levels.points[: len(levels.points) * levels.found]
-    radii = np.linalg.norm(points, axis=1)
-    far = max(1.0, 0.5 * float(radii.min(initial=_FAR)))
-    around: Mixture = [(1.0, normal(np.zeros(d), far**2 * np.eye(d)))]
-    if len(points):
-        # The runs of the first level, moved as far out as the event, lie in all of its ways.
-        out = float(np.median(radii) / np.median(np.linalg.norm(levels.first, axis=1)))
-        around = _joined((0.5, around), (0.5, _mixture(out * levels.first, rng)))
+    points = levels.points[: len(levels.points) * levels.found]
+    axes, used = _axes(distance, points, runs // 4, rng)
+    first, runs, r = levels.first @ axes, runs - used, axes.shape[1]
+    if not r:
+        return levels
     for number, share in ((runs // 4, 0.5), (runs - runs // 4, 0.1)):
-        mixture = around
+        # Numbers beside the axes keep their distribution.
+        near = points @ axes
+        radii = np.linalg.norm(near, axis=1)
+        far = max(1.0, 0.5 * float(radii.min(initial=_FAR)))
+        mixture: Mixture = [(1.0, normal(np.zeros(r), far**2 * np.eye(r)))]
         if len(points):
-            mixture = _joined((share, around), (1.0 - share, _mixture(points, rng)))
+            # The runs of the first level, moved as far out as the event, lie in all of its ways.
+            out = float(np.median(radii) / np.median(np.linalg.norm(first, axis=1)))
+            mixture = _joined((0.5, mixture), (0.5, _mixture(out * first, rng)))
+            mixture = _joined((share, mixture), (1.0 - share, _mixture(near, rng)))
         counts = rng.multinomial(number, [weight for weight, _ in mixture])
         drawn = [one.rvs(n, rng) for n, (_, one) in zip(counts, mixture, strict=True)]
-        trial = np.concatenate([each.reshape(-1, d) for each in drawn])
+        trial = np.concatenate([each.reshape(-1, r) for each in drawn]) @ axes.T
+        if r < len(axes):
+            beside = rng.standard_normal(trial.shape)
+            trial += beside - beside @ axes @ axes.T
         inside = trial[distance(trial) <= 0.0]
         if not len(inside):
             return levels
-        weights = _weights(inside, mixture)
+        weights = _weights(inside @ axes, mixture)
         points = inside[rng.choice(len(inside), 2000, p=weights / weights.sum())]
     mean, square = float(weights.sum()) / number, float((weights**2).sum()) / number
+    missed, most = 0.0, 0.05 * number * mean
     if levels.found:  # the chains may know greater weights than these runs have
-        square = max(square, mean * float(_weights(levels.points, mixture).mean()))
-    cov = math.sqrt(max(square / mean**2 - 1.0, 0.0) / (number - 1))
+        known = _weights(levels.points @ axes, mixture)
+        # Where one run would be 5 % of the estimate, there may be none.
+        missed = float((known > most).mean())
+        square = max(square, mean * float(np.minimum(known, most).mean()))
+    cov = math.hypot(math.sqrt(max(square / mean**2 - 1.0, 0.0) / (number - 1)), missed)
     if levels.lineages < _FEW_LINEAGES:
         cov = max(cov, levels.cov)  # the runs may not know all ways to the event
     lost = [] if levels.found else ["the levels did not lead to the event: runs around it did"]
@@ -311,6 +331,30 @@ def importance_sampling(
     changes["lineages"] = min(levels.lineages, _effective(weights))
     changes["weights"] = weights
     return replace(levels, found=True, warnings=levels.warnings + lost, **changes)
+
+
+def _axes(
+    distance: Distance, points: Floats, runs: int, rng: np.random.Generator
+) -> tuple[Floats, int]:
+    """Orthonormal directions (d, r) that lead to the event, and how many of the runs they took.
+
+    They span nearly all derivatives of the distance at points of the event, by differences. Beside
+    them the points have nearly the distribution of all runs (Uribe, Papaioannou, Marzouk and
+    Straub, "Cross-entropy-based importance sampling with failure-informed dimension reduction for
+    rare event simulation", 2021).
+    """
+    d = points.shape[1]
+    count = runs // (d + 1) if len(points) else 0
+    if d <= FEW or not count:
+        return np.eye(d, d if d <= FEW else 0), 0
+    moved = rng.choice(points, count)[:, None] + 0.1 * np.eye(d + 1, d, -1)
+    values = distance(moved.reshape(-1, d)).reshape(count, d + 1)
+    slopes = values[:, 1:] - values[:, :1]
+    sizes = np.linalg.norm(slopes, axis=1, keepdims=True)
+    ok = np.isfinite(sizes[:, 0]) & (sizes[:, 0] > 0.0)
+    _, spans, axes = np.linalg.svd(slopes[ok] / sizes[ok], full_matrices=False)
+    rest = 1.0 - np.cumsum(spans**2) / max(int(ok.sum()), 1)
+    return axes[: min(FEW, 1 + int((rest > 0.01).sum()))].T, values.size
 
 
 def _joined(*parts: tuple[float, Mixture]) -> Mixture:

@@ -13,8 +13,13 @@ Report: TypeAlias = Callable[[int, int], object]
 
 
 @contextmanager
-def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterator[Report]:
-    """Yields a function of (done, total): the user's, or a bar on a terminal with rich, or none."""
+def reporting(
+    progress: bool | Report, what: str | Callable[[], str], each: str = "runs"
+) -> Iterator[Report]:
+    """Yields a function of (done, total): the user's, or a bar on a terminal with rich, or none.
+
+    The bar is called `what`; a function is asked again at each report.
+    """
     if callable(progress):
         yield progress
         return
@@ -34,11 +39,12 @@ def reporting(progress: bool | Report, what: str, each: str = "runs") -> Iterato
         bars.TimeRemainingColumn(),
     )
     with bars.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None, rate="")
+        task = bar.add_task("", total=None, rate="")
 
         def report(done: int, total: int) -> None:
             speed = bar.tasks[0].finished_speed or bar.tasks[0].speed
             rate = f"{speed:,.0f} {each}/s" if speed else ""
-            bar.update(task, completed=done, total=total, rate=rate)
+            title = what() if callable(what) else what
+            bar.update(task, description=title, completed=done, total=total, rate=rate)
 
         yield report
