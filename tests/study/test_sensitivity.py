@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from ensembles import calm, pushed
-from softpinch.study.effects import effects
+from softpinch.study.effects import Effects, effects
 
 
 def draws(n: int, names: str, seed: int = 1) -> dict[str, np.ndarray]:
@@ -127,4 +127,11 @@ def test_an_ensemble_says_which_of_its_parameters_matter() -> None:
     assert sp.sensitivity(ensemble, "final_state.theta")["grasped.mass"].runs == ensemble.runs
     settled = np.isfinite(ensemble["settling_time"]).sum()
     assert next(iter(sp.sensitivity(ensemble, "settling_time").values())).runs == settled
-    assert np.isnan(sp.sensitivity(calm())["grasped.mass"].share)
+    still = calm()
+    same = sp.sensitivity(still)
+    assert np.isnan(same["grasped.mass"].share)
+    said = f"The result is the same in all {still.runs} runs: no share is known."
+    assert repr(same).startswith(f"{said}\nvaried") and said in same._repr_html_()  # type: ignore[attr-defined]
+    assert repr(found).startswith("varied")
+    few = Effects(effects({"x": [1.0, 2.0, 3.0]}, [1.0, 2.0, np.nan]))
+    assert repr(few).startswith("The result is finite in only 2 runs")

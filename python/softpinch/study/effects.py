@@ -27,6 +27,8 @@ from .tables import number
 # Number of shuffled results for the noise level; the seed is fixed, so that it repeats.
 _SHUFFLES = 99
 _SEED = 20070410
+# Fewest runs that say anything of a variance.
+_FEWEST = 3
 
 
 class Effect(NamedTuple):
@@ -60,10 +62,16 @@ class Effects(dict[str, Effect]):
 
     def _table(self) -> ShownTable:
         names = (name.replace("_", " ") for name in Effect._fields)
-        return ShownTable(("varied", *names), [(name, *effect) for name, effect in self.items()])
+        columns, rows = ("varied", *names), [(name, *effect) for name, effect in self.items()]
+        unknown = next((one.runs for one in self.values() if math.isnan(one.share)), None)
+        if unknown is None:
+            return ShownTable(columns, rows)
+        why = "the same in all" if unknown >= _FEWEST else "finite in only"
+        return ShownTable(columns, rows, f"The result is {why} {unknown} runs: no share is known.")
 
     def __repr__(self) -> str:
-        return self._table().text()
+        table = self._table()
+        return "\n".join(filter(None, (table.caption, table.text())))
 
     def _repr_html_(self) -> str:
         return self._table().html()
@@ -80,7 +88,8 @@ def sensitivity(ensemble: Results, name: str | Bools = "completed") -> dict[str,
 
     Returns:
         A dictionary that shows as a table: path of each varied number ("disturbances.0.force.0") ->
-        `Effect`, the largest share first. The shares are NaN if the result is equal in all runs.
+        `Effect`, the largest share first. The shares are NaN if the result is equal in all runs, or
+        finite in fewer than three; the table says so.
 
     Raises:
         ValueError: The summary was not computed, the name is unknown, or nothing was varied.
@@ -106,7 +115,7 @@ def effects(inputs: Mapping[str, ArrayLike], result: ArrayLike) -> dict[str, Eff
     given = {name: checks.array(name, values, ("n",)) for name, values in inputs.items()}
     for name, x in given.items():
         checks.same_length(name, x, "result", len(kept))
-    if n < 3 or np.ptp(y) == 0.0:
+    if n < _FEWEST or np.ptp(y) == 0.0:
         return {name: Effect(math.nan, math.nan, math.nan, n) for name in given}
     binned = {name: _BinnedLines.of(x[kept]) for name, x in given.items()}
     ranks = {name: _ranks(x[kept]) for name, x in given.items()}
