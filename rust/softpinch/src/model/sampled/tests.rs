@@ -14,6 +14,7 @@ pub(crate) fn spring(period: f64, delay: f64) -> SampledController {
         jitter: 0.0,
         normal_jitter: false,
         rate_limit: f64::INFINITY,
+        no_load_rate: f64::INFINITY,
         a: Vec::new(),
         b: Vec::new(),
         c: Vec::new(),
