@@ -202,6 +202,7 @@ class Inputs:
         | None = None,
         motion: tuple[tuple[_Floats, _Floats], tuple[_Floats, _Floats], _Floats] | None = None,
     ) -> Inputs: ...
+    def controller(self, time: float) -> list[float]: ...
 
 @final
 class Batch:

@@ -94,6 +94,7 @@ LOOPS = {
         {"dead_zone": {"rotation": 2e-4}, "rate_limit": 0.05},
         {"dead_zone": {"angle_error": 1e-3, "angle_rate": 0.01}, "rate_limit": 8.0},
     ),
+    "a motor": cascade({}, {"limits": (-0.9, 0.9), "no_load_rate": 1.2, "rate_limit": 300.0}),
     # The servo from 0.018 s on, and the camera while the object is turned.
     "two sets of gains": cascade(
         {"switch": sp.GainSwitch(C=3.0 * SWAY, measure="rotation", above=1e-3, latched=False)},
@@ -410,10 +411,24 @@ def test_files_and_bad_blocks() -> None:
         ("jitter", 1e-3, "must be below the period"),
         ("jitter_kind", "poisson", 'must be one of "uniform", "normal"'),
         ("rate_limit", 0.0, "must be finite and > 0"),
+        ("no_load_rate", 0.0, "must be finite and > 0"),
         ("dead_zone", -1.0, "must be finite and >= 0"),
     ):
         with pytest.raises(ValueError, match=rf"SampledController\.{field}.*{rule}"):
             replace(SERVO, **{field: value})
+    motor = replace(SERVO, no_load_rate=2.0)
+    for changes in (
+        {"limits": None},
+        {"limits": (-np.inf, 3.0)},
+        {"measures": ("angle", "target")},
+    ):
+        with pytest.raises(
+            ValueError, match=r"no_load_rate = 2\.0: needs finite limits, below and"
+        ):
+            replace(motor, **changes)
+    with pytest.raises(ValueError, match=r"run 1: .*needs finite limits, below and"):
+        sp.monte_carlo(scene_of(motor), vary={"control.limits.0.0": [-3.0, 1.0]}, progress=False)
+    assert scene_of(motor).vary_paths()["control.no_load_rate"] == (2.0, "rad/s")
     second = SERVO.D
     for fields, rule in (
         ({"D": second}, "must have at, or measure with above or below"),
@@ -469,7 +484,9 @@ def test_powers_of_two_scale_a_cascade_to_the_bit(
     time, torque = units.time, units.of(2, 1, -2)
     late = {"loss": 0.3, "jitter": 2e-3, "dead_zone": 0.0}
     second = sp.GainSwitch(D=0.5 * SERVO.D, at=0.017)
-    control = cascade(late, {"jitter": 0.3e-3, "rate_limit": 500.0, "switch": second})
+    control = cascade(
+        late, {"jitter": 0.3e-3, "rate_limit": 500.0, "no_load_rate": 3.0, "switch": second}
+    )
     scene = scene_of(sp.Pid(), contact=contact, friction=0.3)  # type: ignore[arg-type]
     times = ("period", "first_sample", "measure_delay", "delay", "jitter")
 
@@ -489,6 +506,7 @@ def test_powers_of_two_scale_a_cascade_to_the_bit(
                 limits=servo.limits * torque,
                 initial_torque=np.array(servo.initial_torque) * torque,
                 rate_limit=500.0 * torque / time,
+                no_load_rate=3.0 / time,
                 switch=sp.GainSwitch(
                     D=0.5 * servo.D * np.repeat([torque, torque * time], 2), at=0.017 * time
                 ),

@@ -95,6 +95,14 @@ class Block:
                 last = self.outputs[-1] if self.outputs else np.array(of.initial_torque)
                 most = of.rate_limit * of.period
                 u = np.clip(u, last - most, last + most)
+            if of.no_load_rate is not None:
+                assert of.limits is not None
+                k = sum(
+                    sp._core.MEASURES[n] for n in of.measures[: of.measures.index("angle_rate")]
+                )
+                share = y[k : k + 2] / of.no_load_rate
+                low, high = of.limits.T
+                u = np.clip(u, low * np.clip(1 + share, 0, 1), high * np.clip(1 - share, 0, 1))
             self.outputs.append(u)
             self.xi = a @ self.xi + b @ y
         if self.due(self.acting, t):

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..run.request import rest_scene
 from ..run.stiffness import MEASURED
@@ -108,7 +106,7 @@ def _solved(matrix: Floats, right: Floats) -> Floats:
 
 def _row(control: SampledController, time: float, rest: Floats) -> tuple[Floats, str]:
     """`State.controller` before the first sample, and a text if a block's limits are exceeded."""
-    numbers: list[ArrayLike] = []
+    blocks: list[SampledController] = []
     beyond = ""
     for path, block in control.blocks():
         rest, own = np.split(rest, [len(rest) - 2 - len(driving(block))])
@@ -117,13 +115,11 @@ def _row(control: SampledController, time: float, rest: Floats) -> tuple[Floats,
         low, high = (-np.inf, np.inf) if block.limits is None else block.limits.T
         if (outputs != np.clip(outputs, low, high)).any():
             beyond = f"{path}.limits do not allow its outputs at rest, {outputs.tolist()}"
-        late, period = 1 + (block.jitter > 0.0), block.period
-        zeros = 2 * (math.ceil(block.delay / period) + late)
-        if block.measure_delay > 0.0 or block.loss > 0.0:
-            waiting = math.ceil(block.measure_delay / period) + late + 1
-            zeros += 1 + waiting * np.asarray(block.D).shape[1]
-        numbers += [[time, 0.0, 0.0], outputs, xi, np.zeros(zeros + (block.switch is not None))]
-    return np.hstack(numbers), beyond
+        free = replace(block, outer=None, limits=None, no_load_rate=None)
+        blocks.insert(0, replace(free, initial_torque=tuple(outputs), initial_state=xi))
+    begun = SampledController.cascade(blocks)
+    nothing = Schedule.steps([0.0], [[0.0, 0.0]])
+    return np.array(inputs(nothing, (), "torque", begun).controller(time)), beyond
 
 
 def sampled_eigenvalues(

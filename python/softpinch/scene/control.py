@@ -29,8 +29,10 @@ JITTERS = ("uniform", "normal")
 _OF_EACH = ("measure_noise", "resolution", "dead_zone")
 # The numbers of a block as the core takes them.
 _NUMBERS = ("period", "first_sample", "measure_delay", "delay", "loss", "jitter", "rate_limit")
-_NUMBERS += ("limits", "initial_torque", *"ABCD", "initial_state", *_OF_EACH)
-_NONE = dict.fromkeys(("rate_limit", "at", "above"), np.array([np.inf]))  # for what is None
+_NUMBERS += ("no_load_rate", "limits", "initial_torque", *"ABCD", "initial_state", *_OF_EACH)
+_NONE = dict.fromkeys(
+    ("rate_limit", "no_load_rate", "at", "above"), np.array([np.inf])
+)  # for what is None
 _NONE |= {"limits": np.tile([-np.inf, np.inf], (1, 2, 1)), "below": np.array([-np.inf])}
 
 # A block of a `SampledController` as the core takes it: measures, number of states, anti-windup and
@@ -161,6 +163,8 @@ class SampledController(Law):
         jitter: How late samples are, s, below the period: up to it with `jitter_kind` "uniform", or
             by the size of a "normal" number with this deviation, up to 0.999 periods.
         rate_limit: Largest change of a torque in one period, divided by it, N m/s; None: no limit.
+        no_load_rate: The rate, rad/s, at which a motor has no torque left: the limit in a finger's
+            direction falls to 0 in proportion to its "angle_rate"; None: it does not.
         dead_zone: z, given as `measure_noise`: measurements count as closer to 0 by z, or as 0.
         switch: A second set of gains, and when it acts.
         outer: The block before this one in a cascade; see `cascade`.
@@ -187,6 +191,7 @@ class SampledController(Law):
     jitter: float = 0.0
     jitter_kind: Jitter = "uniform"
     rate_limit: float | None = None
+    no_load_rate: float | None = None
     dead_zone: NDArray[np.float64] | float = 0.0
     switch: GainSwitch | None = None
     outer: SampledController | None = None
@@ -201,8 +206,9 @@ class SampledController(Law):
             raise ValueError(f"{of('jitter')} = {self.jitter}: {rule}")
         checks.number_that(of("loss"), self.loss, lambda x: x < 1.0, "must be >= 0 and < 1")
         checks.choice(of("jitter_kind"), self.jitter_kind, JITTERS)
-        if self.rate_limit is not None:
-            self._set("rate_limit", checks.positive(of("rate_limit"), self.rate_limit))
+        for name in ("rate_limit", "no_load_rate"):
+            if getattr(self, name) is not None:
+                self._set(name, checks.positive(of(name), getattr(self, name)))
         self._set("measures", checks.names(of("measures"), self.measures, _core.MEASURES))
         m = sum(_core.MEASURES[name] for name in self.measures)
         n = 0 if self.A is None else next(iter(checks.numbers(of("A"), self.A).shape), 0)
@@ -220,6 +226,12 @@ class SampledController(Law):
             rule = "give D, or A, B and C (`pid` makes them)"
             raise ValueError(f"SampledController: it has no gains; {rule}")
         self._set("limits", _limits(self.limits))
+        if self.no_load_rate is not None:
+            low, high = (-math.inf, math.inf) if self.limits is None else self.limits.T
+            around = (np.maximum(low, -high) <= 0.0) & np.isfinite(np.subtract(high, low))
+            if not np.all(around) or "angle_rate" not in self.measures:
+                rule = 'needs finite limits, below and above 0, and the measure "angle_rate"'
+                raise ValueError(f"{of('no_load_rate')} = {self.no_load_rate}: {rule}")
         torque = checks.pair(of("initial_torque"), self.initial_torque)
         self._set("initial_torque", torque)
         begin = np.zeros(n) if self.initial_state is None else self.initial_state

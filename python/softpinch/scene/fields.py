@@ -112,6 +112,7 @@ PARAMETERS = (
     Parameter("control.jitter", "s", (0.0, 0.1)),
     Parameter("control.loss", "1"),
     Parameter("control.rate_limit", "N m/s"),
+    Parameter("control.no_load_rate", "rad/s"),
     Parameter("control.A", "1"),
     Parameter("control.B", "1"),
     Parameter("control.C", "N m"),

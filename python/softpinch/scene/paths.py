@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _COUNTS = {"grid", "linearized", "controller", "seed", "run"}
 # Numbers that may be None.
 _OPTIONAL = {"normal_mass", "tangential_mass", "friction", "height", "duration", "foot", "span"}
-_OPTIONAL |= {"rate_limit"}
+_OPTIONAL |= {"rate_limit", "no_load_rate"}
 # The field that holds either one number for both contacts or a pair (right, left), as path steps.
 _FRICTION = ["friction"]
 # Fields that hold one value for both fingers or contacts, or a pair, as steps of paths.

@@ -20,7 +20,7 @@ type Piecewise<'py> = (GivenRows<'py>, PyReadonlyArray4<'py, f64>);
 type NoiseTuple<'py> = (GivenRows<'py>, u64, GivenRow<'py, u64>, u64);
 
 /// Names of the measures, number of states, anti-windup and whether jitter is normal, and the numbers of each run (runs, k):
-/// period, instant of the first sample, delay of measures, delay, loss, jitter, limit of the rate, limits (4), initial torque (2), A, B, C, D,
+/// period, instant of the first sample, delay of measures, delay, loss, jitter, limit of the rate, rate without load, limits (4), initial torque (2), A, B, C, D,
 /// initial state, noise, resolution and dead zone; of a second set of gains A, B, C, D, instant and thresholds, if its
 /// measure, or an empty name, and `latched` are given.
 type BlockTuple<'py> = (Vec<String>, usize, [bool; 2], GivenRows<'py>, Option<(String, bool)>);
@@ -145,6 +145,11 @@ impl Inputs {
         };
         inputs.check().map(|()| inputs)
     }
+
+    /// `State.controller` of the first run at `time`, s, at which its controller starts; empty if it has none.
+    fn controller(&self, time: f64) -> PyResult<Vec<f64>> {
+        Ok(self.of(0, time).map_err(raise)?.controller_row())
+    }
 }
 
 fn hand_motion((accelerations, tilts, sines): MotionTuple<'_>) -> PyResult<Part<Arc<HandMotion>>> {
@@ -166,10 +171,10 @@ fn blocks(
     let n = *states;
     let rows = rows.as_array();
     let second = if switch.is_some() { (n + 2) * (n + m) + 3 } else { 0 };
-    let (found, width) = (rows.ncols(), 13 + (n + 2) * (n + m) + n + 3 * m + second);
+    let (found, width) = (rows.ncols(), 14 + (n + 2) * (n + m) + n + 3 * m + second);
     require(found == width, || format!("control: has {found} numbers, must have {width}"))?;
     let one = |row: ArrayView1<'_, f64>| {
-        let mut rest = row.iter().skip(13).copied();
+        let mut rest = row.iter().skip(14).copied();
         let mut take = |count: usize| rest.by_ref().take(count).collect::<Vec<f64>>();
         Arc::new(SampledController {
             period: row[0],
@@ -180,8 +185,9 @@ fn blocks(
             jitter: row[5],
             normal_jitter: *normal_jitter,
             rate_limit: row[6],
-            limits: [[row[7], row[8]], [row[9], row[10]]],
-            initial_torque: [row[11], row[12]],
+            no_load_rate: row[7],
+            limits: [[row[8], row[9]], [row[10], row[11]]],
+            initial_torque: [row[12], row[13]],
             a: take(n * n),
             b: take(n * m),
             c: take(2 * n),

@@ -50,7 +50,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// Follows the run with a method until nothing more of it is wanted.
     #[inline(always)]
     fn follow(&self, stepper: &mut Stepper<R>, kept: &mut Kept<'_, R>) -> Result {
-        let (grid, mut ends) = self.times()?;
+        let (mut grid, mut ends) = self.times()?;
         let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = self;
         let (inputs, initial) = (&scene.inputs, &scene.initial);
         let mut segment = grid.first;

@@ -93,7 +93,7 @@ impl<R: Lanes> SegmentFrame<R> {
     }
 
     fn set(&mut self, lane: usize, own: &SegmentFrame<f64>) {
-        set_channels(&mut self.channels, lane, &own.channels);
+        set_channels(&mut self.channels, lane, &own.channels, COEFFICIENTS);
         set_numbers(&mut self.wave.numbers, lane, &own.wave.numbers);
         set_numbers(&mut self.direction, lane, &own.direction);
         self.degree = self.degree.max(own.degree);
@@ -191,9 +191,10 @@ fn set_channels<R: Lanes, const C: usize>(
     channels: &mut [[R; COEFFICIENTS]; C],
     lane: usize,
     own: &[[f64; COEFFICIENTS]; C],
+    terms: usize,
 ) {
     for (channel, own) in channels.iter_mut().zip(own) {
-        set_numbers(channel, lane, own);
+        set_numbers(&mut channel[..terms], lane, own);
     }
 }
 
@@ -204,6 +205,11 @@ fn set_numbers<R: Lanes>(numbers: &mut [R], lane: usize, own: &[f64]) {
 }
 
 impl SegmentDrive {
+    /// Whether the inputs are constant in the segment.
+    pub fn is_constant(&self) -> bool {
+        self.degree == 0 && self.waves.is_empty() && self.frame.is_none()
+    }
+
     /// Sets torques on the fingers that are constant in the segment, N m.
     pub fn hold(&mut self, torque: [f64; 2]) {
         for (channel, torque) in self.channels.iter_mut().zip(torque) {
@@ -256,7 +262,9 @@ impl<R: Lanes> SegmentDrive<R> {
     }
 
     pub fn set(&mut self, lane: usize, own: &SegmentDrive) {
-        set_channels(&mut self.channels, lane, &own.channels);
+        // The coefficients of a higher degree are zero, and were so before.
+        let terms = 1 + own.degree.max(self.degrees[lane]).min(MAX_DEGREE);
+        set_channels(&mut self.channels, lane, &own.channels, terms);
         if let Some(own) = &own.frame {
             let still = || SegmentFrame::still().into();
             self.frame.get_or_insert_with(still).set(lane, own);

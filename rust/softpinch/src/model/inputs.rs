@@ -8,7 +8,8 @@ use crate::error::Result;
 use crate::model::drive::{CHANNELS, COEFFICIENTS, Wave};
 use crate::model::noise::{require_countable, require_end};
 use crate::model::{
-    Fingers, FrameMotion, Noise, PiecewisePolynomial, Rule, SampledController, SegmentDrive, SegmentFrame,
+    ControllerState, Fingers, FrameMotion, Noise, PiecewisePolynomial, Rule, SampledController, SegmentDrive,
+    SegmentFrame,
 };
 use crate::number::{MOST, Real};
 
@@ -210,6 +211,14 @@ impl Inputs {
         }
     }
 
+    /// The state of the discrete controller at its start, as numbers; none without a controller.
+    pub fn controller_row(&self) -> Vec<f64> {
+        let Some(Sampled { controller, origin }) = &self.sampled else { return Vec::new() };
+        let mut row = Vec::new();
+        controller.blocks().for_each(|block| ControllerState::new(block, *origin).put_row(&mut row));
+        row
+    }
+
     /// The schedule's values at time `t`, or those from outside, and their rates.
     pub fn target(&self, t: f64) -> [[f64; 2]; 2] {
         self.held.map_or_else(|| self.schedule.value_and_rate(t), |held| [held.target, [0.0; 2]])
@@ -253,6 +262,30 @@ impl Inputs {
     /// The first instant after `t` at which an input may jump or kink, or infinity if there is none. With it
     /// a run finds its segments one by one and needs no list of them.
     pub fn next_breakpoint(&self, t: f64) -> f64 {
+        self.next_after(t, &mut Vec::new())
+    }
+
+    /// The same. `ahead` is empty, or has the next breakpoints after an instant before `t` of the blocks of a discrete
+    /// controller and of all else, which are looked for again only once they have passed.
+    pub fn next_after(&self, t: f64, ahead: &mut Vec<f64>) -> f64 {
+        let blocks =
+            self.sampled.iter().flat_map(|own| own.controller.blocks().map(move |one| (own.origin, one)));
+        let mut first = f64::INFINITY;
+        for (k, block) in std::iter::once(None).chain(blocks.map(Some)).enumerate() {
+            if ahead.len() <= k {
+                ahead.push(f64::NEG_INFINITY);
+            }
+            if ahead[k] <= t {
+                ahead[k] =
+                    block.map_or_else(|| self.next_other(t), |(origin, block)| block.next_break(origin, t));
+            }
+            first = first.min(ahead[k]);
+        }
+        first
+    }
+
+    /// The first breakpoint after `t` of all but a discrete controller.
+    pub(crate) fn next_other(&self, t: f64) -> f64 {
         let waves = self.sines.iter().flat_map(|sine| [sine.start, sine.end]).filter(|&time| time > t);
         let impulse = self.impulses.partition_point(|impulse| impulse.time <= t);
         let scheduled = self.held.is_none() && self.sampled.is_none();
@@ -262,7 +295,6 @@ impl Inputs {
             .chain(self.impulses.get(impulse).map(|impulse| impulse.time))
             .chain(self.noises.iter().map(|noise| noise.next_break(t)))
             .chain(self.frame.iter().map(|own| own.acceleration.next_break(t).min(own.tilt.next_break(t))))
-            .chain(self.sampled.iter().map(|own| own.controller.next_break(own.origin, t)))
             .min_by(f64::total_cmp)
             .unwrap_or(f64::INFINITY)
     }

@@ -30,7 +30,7 @@ pub(crate) use contact::{Any, Contact, Others, Papers, Parts, numbered};
 pub use contact_modes::{CONTACT_MODELS, CONTACT_MODES, ContactModel, ContactRow};
 pub(crate) use contact_modes::{Contacts, Mode, Slip};
 pub use control::{FINGERS, Fingers};
-pub(crate) use controller_state::{ControllerState, Kept, Known, Measured, Scratch, require_length};
+pub(crate) use controller_state::{ControllerState, Known, Measured, Scratch, require_length};
 pub use coordinates::Coordinates;
 pub(crate) use coordinates::each_coordinate;
 pub use drive::MAX_DEGREE;

@@ -53,6 +53,8 @@ pub struct SampledController {
     pub limits: [[f64; 2]; 2],
     /// Largest change of a torque in a second, N m/s; infinite where there is no limit.
     pub rate_limit: f64,
+    /// The measured rate of a finger, rad/s, at which its motor's limit in this direction is 0; infinite if it is constant.
+    pub no_load_rate: f64,
     /// Whether a state is held that would drive a limited torque further beyond its limit.
     pub anti_windup: bool,
     /// Torques until the first sample acts, N m.
@@ -155,6 +157,7 @@ impl SampledController {
             ("delay", self.delay, Rule::NonNegative),
             ("jitter", self.jitter, Rule::NonNegative),
             ("rate_limit", self.rate_limit, Rule::PositiveOrInfinite),
+            ("no_load_rate", self.no_load_rate, Rule::PositiveOrInfinite),
         ] {
             rule.check(format_args!("{control}.{field}"), value)?;
         }
@@ -193,6 +196,9 @@ impl SampledController {
         for [low, high] in self.limits {
             let field = format_args!("{control}.limits");
             require(low <= high, field, low, "must not be above the largest torque")?;
+            let around = low <= 0.0 && high >= 0.0 && high - low < f64::INFINITY;
+            let rule = "must be finite and on both sides of 0, for a motor";
+            require(around || self.no_load_rate == f64::INFINITY, field, low, rule)?;
         }
         Rule::Finite.check_all(format_args!("{control}.initial_torque"), &self.initial_torque)
     }
@@ -302,36 +308,21 @@ impl SampledController {
         Delay(time, whole.then_some(periods))
     }
 
-    /// The first instant after `t` at which a sample of a block is taken, is used, or acts.
+    /// The first instant after `t` at which a sample of this block is taken, is used, or acts.
     pub fn next_break(&self, origin: f64, t: f64) -> f64 {
-        let of = |block: &Self| {
-            let Place { used, acts, waits, .. } = block.place;
-            let mut first = block.first_after(origin, 0.0, t);
-            if used.1.is_none() {
-                first = first.min(block.first_after(origin, used.0, t));
-            }
-            if acts.1.is_none() && waits.1.is_none() {
-                first = first.min(block.first_after(origin, acts.0, t));
-            }
-            first
-        };
-        self.blocks().map(of).fold(f64::INFINITY, f64::min)
+        let Place { used, acts, waits, .. } = self.place;
+        let used = used.1.is_none().then_some(used.0);
+        let acts = (acts.1.is_none() && waits.1.is_none()).then_some(acts.0);
+        let first = |delay: f64| self.first_after(origin, delay, t);
+        used.into_iter().chain(acts).map(first).fold(first(0.0), f64::min)
     }
 
     /// The first instant after `t` that is later than a sample by `delay`.
     fn first_after(&self, origin: f64, delay: f64, t: f64) -> f64 {
-        let mut number = ((t - origin - self.first_sample - delay) / self.period) as u64; // a whole number, saturating
-        // Quotient and product are rounded, and samples are late, so the right number may be one lower or higher.
-        while number > 0 && self.after(origin, number - 1, delay) > t {
-            number -= 1;
-        }
-        loop {
-            let at = self.after(origin, number, delay);
-            if at > t {
-                return at;
-            }
-            number += 1;
-        }
+        let near = ((t - origin - self.first_sample - delay) / self.period) as u64; // a whole number, saturating
+        // Quotient and product are rounded, and samples are late, so the right number may be lower by one or two.
+        let from = near.saturating_sub(1 + u64::from(self.jitter > 0.0));
+        (from..).map(|number| self.after(origin, number, delay)).find(|&at| at > t).unwrap_or(f64::INFINITY)
     }
 
     /// Largest number of samples that are under way at a time with a delay.

@@ -216,16 +216,16 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     /// before a sample of the discrete controller, which measures under the torques so far.
     pub(super) fn enter_segment(&mut self, lane: usize, anchor: f64, t: Option<f64>) {
         let Some(run) = &mut self.runs[lane] else { return };
-        let mut drive = run.scene.inputs.segment(anchor);
-        if let Some(controller) = &mut run.controller {
-            drive.hold(t.map_or(controller.held(), |t| controller.torque(&run.scene.inputs, t)));
-        }
-        self.drive.set(lane, &drive);
+        let inputs = &run.scene.inputs;
+        let free = run.controller.is_none().then(|| inputs.segment(anchor));
+        let controlled = run.controller.as_mut().map(|controller| controller.segment(inputs, anchor, t));
+        let Some(drive) = free.as_ref().or(controlled) else { return };
+        self.drive.set(lane, drive);
         if t.is_none() {
             return;
         }
         if let Some(contact) = &mut run.contact {
-            contact.enter(anchor, drive);
+            contact.enter(anchor, drive.clone());
         }
         run.segments += 1;
     }

@@ -152,13 +152,14 @@ impl<R: Lanes> EqualLanes<'_, R> {
         self.held |= sampling;
         for lane in each(sampling) {
             let Some(run) = &mut self.batch.runs[lane] else { continue };
-            if run.place.arrival == self.clock
-                && let Some(next) = run.place.grid.after(&run.scene.inputs, &run.place.segment)
+            let place = &mut run.place;
+            if place.arrival == self.clock
+                && let Some(next) = place.grid.after(&run.scene.inputs, &place.segment)
             {
-                run.place.go_on(next);
+                place.go_on(next);
             }
-            run.place.sampled = Some(self.clock);
-            let start = run.place.segment.start;
+            place.sampled = Some(self.clock);
+            let start = place.segment.start;
             self.batch.take_sample(lane, start, now);
             self.enter(lane, self.clock + 1);
         }
@@ -183,16 +184,14 @@ impl<R: Lanes> EqualLanes<'_, R> {
                 continue;
             }
             let sampled = |controller: &LaneController| controller.is_due(place.segment.end);
-            match place.grid.after(&run.scene.inputs, &place.segment) {
+            if place.grid.is_last(&place.segment) {
+                self.batch.phases.set(1 << lane, Phase::End);
+            } else if run.controller.as_deref().is_some_and(sampled) {
                 // The controller measures at the end of the segment, before another one begins.
-                Some(_) if run.controller.as_deref().is_some_and(sampled) => {
-                    self.batch.phases.set(1 << lane, Phase::Sample);
-                }
-                Some(next) => {
-                    place.go_on(next);
-                    self.enter(lane, self.clock);
-                }
-                None => self.batch.phases.set(1 << lane, Phase::End),
+                self.batch.phases.set(1 << lane, Phase::Sample);
+            } else if let Some(next) = place.grid.after(&run.scene.inputs, &place.segment) {
+                place.go_on(next);
+                self.enter(lane, self.clock);
             }
         }
         self.schedule();

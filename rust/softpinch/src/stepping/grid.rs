@@ -129,6 +129,8 @@ pub struct Grid {
     pub segments: u64,
     pub steps: u64,
     pub longest: f64,
+    /// Of `Inputs::next_after`.
+    ahead: Vec<f64>,
 }
 
 impl Grid {
@@ -152,7 +154,8 @@ impl Grid {
             whole.refined(refine).resumed(step.saturating_mul(u64::from(refine)), span.start)
         });
         let first = resumed.unwrap_or(Segment { start: span.start, ..first.refined(refine) });
-        let mut grid = Self { span, dt, refine, first, segments: 0, steps: 0, longest: 0.0 };
+        let mut grid =
+            Self { span, dt, refine, first, segments: 0, steps: 0, longest: 0.0, ahead: Vec::new() };
         let (mut next, mut total) = (Some(first), 0.0);
         while let Some(segment) = next {
             let steps = segment.steps() as f64;
@@ -164,17 +167,23 @@ impl Grid {
             coarse.map_or(Ok(()), |coarse| coarse.require_countable(dt))?;
             next = coarse.map(|coarse| coarse.refined(refine));
         }
+        grid.ahead.clear();
         if total > MOST_STEPS { Err(too_many(total)) } else { Ok(grid) }
     }
 
-    pub fn after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
+    pub fn after(&mut self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
         self.cut_after(inputs, segment).map(|coarse| coarse.refined(self.refine))
     }
 
+    pub fn is_last(&self, segment: &Segment) -> bool {
+        segment.end >= self.span.end
+    }
+
     /// The segment after this one, before its steps are refined.
-    fn cut_after(&self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
+    fn cut_after(&mut self, inputs: &Inputs, segment: &Segment) -> Option<Segment> {
         let from = segment.end;
-        (from < self.span.end).then(|| Segment::new(from, self.span.segment_end(inputs, from), self.dt))
+        (!self.is_last(segment))
+            .then(|| Segment::new(from, inputs.next_after(from, &mut self.ahead).min(self.span.end), self.dt))
     }
 }
 

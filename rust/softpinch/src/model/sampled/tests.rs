@@ -1,6 +1,7 @@
 //! When samples are taken and act, and the controller with which other tests check this.
 
 use super::*;
+use crate::model::Inputs;
 use crate::model::measures::Measure;
 
 /// A damped spring towards the targets.
@@ -14,6 +15,7 @@ pub(crate) fn spring(period: f64, delay: f64) -> SampledController {
         jitter: 0.0,
         normal_jitter: false,
         rate_limit: f64::INFINITY,
+        no_load_rate: f64::INFINITY,
         a: Vec::new(),
         b: Vec::new(),
         c: Vec::new(),
@@ -84,9 +86,10 @@ fn breaks_of_a_cascade_are_those_of_its_blocks_in_order() {
         }
         expected.sort_by(f64::total_cmp);
         expected.dedup();
-        let mut t = 0.0;
+        let inputs = Inputs::constant_targets([0.0; 2]).with_controller(whole, 0.5);
+        let (mut t, mut ahead) = (0.0, Vec::new());
         for &instant in expected.iter().take(900) {
-            assert_eq!(whole.next_break(0.5, t), instant, "{late} {normal_jitter}");
+            assert_eq!(inputs.next_after(t, &mut ahead), instant, "{late} {normal_jitter}");
             t = instant;
         }
     }
@@ -97,7 +100,8 @@ fn breaks_of_a_cascade_are_those_of_its_blocks_in_order() {
 fn instants_of_blocks_that_differ_by_round_off_are_one() {
     let camera = SampledController { measure_delay: 0.03, ..spring(1.0 / 30.0, 1.0 / 30.0) };
     let whole = SampledController::cascade(vec![Arc::new(camera), Arc::new(spring(1e-3, 0.0))], 0).unwrap();
-    let next = |t: &f64| Some(whole.next_break(0.0, *t));
+    let inputs = Inputs::constant_targets([0.0; 2]).with_controller(whole.clone(), 0.0);
+    let next = |t: &f64| Some(inputs.next_breakpoint(*t));
     let breaks: Vec<f64> = std::iter::successors(Some(0.0), next).take(9000).collect();
     assert!(breaks.windows(2).all(|pair| pair[1] - pair[0] > 1e-5));
     let camera = whole.outer.as_ref().unwrap();
