@@ -84,8 +84,9 @@ docs-quick: build ## Build the site without running the examples
 .PHONY: test
 test: ## Everything that a landing must pass: lint, Rust tests, Python tests
 	@# The release build keeps one core busy for minutes, in which the other can check. Everything waits for it, so
-	@# the checks leave it what it needs. Stubs need the module, and one core.
-	$(MAKE) --jobs 2 --output-sync=line CHECK=nice build lint-rust lint-python test-rust
+	@# the checks leave it what it needs. A third job, because one waits for the network while it installs. Stubs need
+	@# the module, and one core.
+	$(MAKE) --jobs 3 --output-sync=line CHECK=nice build lint-rust lint-python test-rust
 	$(MAKE) --jobs 2 CHECK=nice test-python lint-stubs
 
 .PHONY: lint lint-rust lint-python lint-stubs

@@ -13,6 +13,8 @@ from softpinch.fitting.experiment import Experiment, FailedRun
 
 pytest.importorskip("scipy")
 DATA = {"y": np.zeros(len(TIMES))}
+# The hand's acceleration jumps.
+MOVED = replace(SCENE, motion=sp.HandMotion.trapezoid([0.0, 0.05], [[0, 0], [0.01, 0]], 40.0))
 
 
 def fit(**other: Any) -> sp.Fit:
@@ -40,6 +42,10 @@ BAD_VALUES: list[tuple[dict[str, Any], str]] = [
     ({"vary": {"disturbances.0.force": None}}, "has shape (2,): must be one number, such as"),
     ({"vary": {"duration": None}}, 'vary: "duration": the measured times determine it'),
     ({"vary": {"disturbances.0.time": None}}, "is fitted with tolerance=, not with dt"),
+    (
+        {"scene": MOVED, "vary": {"motion.times.1": None}},
+        "is fitted with tolerance=, not with dt",
+    ),
     (
         {"scene": replace(SCENE, contact="unilateral", friction=1.0), "method": "radau5"},
         'method = "radau5": must be one of "rk4", "dop853" in unilateral contact',
