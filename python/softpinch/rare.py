@@ -134,7 +134,7 @@ def rare_event(
         method: "subset" simulation by levels; "splitting", in which half of the steps draw the
             `Noise` anew from a random instant on; "importance", which weights independent runs
             about the runs with the event that subset simulation found. "auto" is "importance" for
-            up to 12 random numbers, else "subset".
+            up to 12 random numbers, else the better one of both, or "subset" below 100 runs each.
         summaries: Summaries to compute for an `event` that is a function.
         threads: Number of threads; None takes as many as the process may use.
         progress: As for `monte_carlo`, with the largest number of runs; the bar names the level.

@@ -37,9 +37,9 @@ _FAR = 5.0
 _WIDER = 1.15
 # Fewer effective lineages hardly tell how many ways to the event there are.
 _FEW_LINEAGES = 5.0
-# The most dimensions in which runs are weighted; of more, these lead to the event. Then "auto" tries
-# it if there are so many runs for each dimension, and takes the smaller `cov`.
-FEW, _RUNS_EACH = 12, 100
+# The most dimensions in which runs are weighted; from `_MANY` on, these lead to the event. Above
+# `FEW`, "auto" tries it with so many runs for each number, and takes the smaller `cov`.
+FEW, _MANY, _RUNS_EACH = 12, 5, 100
 
 # Weights, which are 1 together, and frozen distributions of SciPy.
 Mixture: TypeAlias = list[tuple[float, Any]]
@@ -292,7 +292,8 @@ def importance_sampling(
     first, runs, r = levels.first @ axes, runs - used, axes.shape[1]
     if not r:
         return levels
-    for number, share in ((runs // 4, 0.5), (runs - runs // 4, 0.1)):
+    few = levels.lineages < _FEW_LINEAGES
+    for number, share in ((runs // 4, 0.5), (runs - runs // 4, 0.3 if few else 0.1)):
         # Numbers beside the axes keep their distribution.
         near = points @ axes
         radii = np.linalg.norm(near, axis=1)
@@ -322,8 +323,10 @@ def importance_sampling(
         missed = float((known > most).mean())
         square = max(square, mean * float(np.minimum(known, most).mean()))
     cov = math.hypot(math.sqrt(max(square / mean**2 - 1.0, 0.0) / (number - 1)), missed)
-    if levels.lineages < _FEW_LINEAGES:
-        cov = max(cov, levels.cov)  # the runs may not know all ways to the event
+    # Half of the share looks in all directions, where 2 % have an event that lies on one side. If
+    # these are few, the runs may not know all ways to the event.
+    if few and 0.5 * share * number * 0.02 < 5.0:
+        cov = max(cov, levels.cov)
     lost = [] if levels.found else ["the levels did not lead to the event: runs around it did"]
     if (most := weights.max() / weights.sum()) > 0.05:
         lost.append(f"{most:.0%} of the estimate comes from one run: cov may be too small")
@@ -344,16 +347,18 @@ def _axes(
     rare event simulation", 2021).
     """
     d = points.shape[1]
-    count = runs // (d + 1) if len(points) else 0
-    if d <= FEW or not count:
-        return np.eye(d, d if d <= FEW else 0), 0
+    count, everywhere = min(runs // (d + 1), 60), np.eye(d, d if d <= FEW else 0)
+    if d < _MANY or not count or not len(points):
+        return everywhere, 0
     moved = rng.choice(points, count)[:, None] + 0.1 * np.eye(d + 1, d, -1)
     values = distance(moved.reshape(-1, d)).reshape(count, d + 1)
     slopes = values[:, 1:] - values[:, :1]
     sizes = np.linalg.norm(slopes, axis=1, keepdims=True)
     ok = np.isfinite(sizes[:, 0]) & (sizes[:, 0] > 0.0)
+    if not ok.any():
+        return everywhere, values.size
     _, spans, axes = np.linalg.svd(slopes[ok] / sizes[ok], full_matrices=False)
-    rest = 1.0 - np.cumsum(spans**2) / max(int(ok.sum()), 1)
+    rest = 1.0 - np.cumsum(spans**2) / ok.sum()
     return axes[: min(FEW, 1 + int((rest > 0.01).sum()))].T, values.size
 
 
