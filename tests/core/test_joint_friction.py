@@ -119,5 +119,3 @@ def test_it_is_a_number_of_the_finger() -> None:
     for bad in ({"joint_friction": -1.0}, {"creep_rate": 0.0}):
         with pytest.raises(ValueError, match=rf"Finger\.{next(iter(bad))} = .*must be finite"):
             sp.Finger(**bad)
-    with pytest.raises(ValueError, match="does not take a joint_friction yet"):
-        sp.simulate(SCENE, sensitivities="grasped.mass")

@@ -1,7 +1,7 @@
 """Derivatives through slips, openings and impacts, beside differences of runs."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -50,12 +50,7 @@ class Compared:
         time_error: Of the times of the changes, as a share of the largest.
     """
 
-    def __init__(self, seed: int, alter: Callable[[sp.Scene], sp.Scene], **how: Any) -> None:
-        scene = alter(random_pinch(np.random.default_rng(seed), "unilateral", 0.03))
-        path, index = PATHS[seed % len(PATHS)]
-        pushed = [hasattr(push, "force") for push in scene.disturbances]
-        if seed % 3 == 0 and pushed and pushed[0]:
-            path, index = "disturbances.0.force", (1,)
+    def __init__(self, scene: sp.Scene, path: str, index: tuple[int, ...], **how: Any) -> None:
         how = {"stop_on": (), **how}
         self.reason = None
         with warnings.catch_warnings(record=True) as said:
@@ -100,28 +95,44 @@ class Compared:
         size = paths_of.size(scene, path, index)
         least = 1e-6 / size * (np.abs(states(self.run)[rows]) + ROUND_OFF)
         error = difference(ours, theirs, "state", least)
-        if self.error is None or error < self.error:
-            times = derivative(times_of)
-            own = np.array([each.sensitivity[path][index] for each in self.run.contact_changes])
-            largest = np.abs(times).max(initial=1e-12)
-            self.error = error
-            self.time_error = float(np.abs(own - times).max(initial=0.0) / largest)
+        times = derivative(times_of)
+        own = np.array([each.sensitivity[path][index] for each in self.run.contact_changes])
+        off = float(np.abs(own - times).max(initial=0.0) / np.abs(times).max(initial=1e-12))
+        # Each by the differences that are best for it.
+        self.error = error if self.error is None else min(error, self.error)
+        self.time_error = off if self.time_error is None else min(off, self.time_error)
 
 
-def check(seeds: range, **how: Any) -> None:
+def pinched(
+    seed: int, alter: Callable[[sp.Scene], sp.Scene] = lambda scene: scene, **how: Any
+) -> Compared:
+    """A random pinch, by one of the numbers in turn."""
+    scene = alter(random_pinch(np.random.default_rng(seed), "unilateral", 0.03))
+    path, index = PATHS[seed % len(PATHS)]
+    pushed = [hasattr(push, "force") for push in scene.disturbances]
+    if seed % 3 == 0 and pushed and pushed[0]:
+        path, index = "disturbances.0.force", (1,)
+    return Compared(scene, path, index, **how)
+
+
+def require_all(compared: Iterable[Compared], most: int) -> None:
+    """Requires that most of so many runs are compared, agree, and have every event."""
     seen: set[str] = set()
     errors = []
-    for seed in seeds:
-        found = Compared(seed, lambda scene: scene, **how)
+    for k, found in enumerate(compared):
         if found.error is None:
             continue
-        assert found.time_error is not None and found.time_error < 1e-6, seed
+        assert found.time_error is not None and found.time_error < 1e-6, k
         errors.append(found.error)
         seen |= {f"{each.before.name} {each.after.name}" for each in found.run.contact_changes}
     # Of a few derivatives that are small, the best differences have more round-off.
     assert max(errors) < 1e-6 and np.quantile(errors, 0.99, method="lower") < 1e-7
-    assert len(errors) > 0.65 * len(seeds)
+    assert len(errors) > 0.65 * most
     assert {"STICK SLIP", "SLIP STICK", "GRAZE FREE", "FREE SLIP"} <= seen
+
+
+def check(seeds: range, **how: Any) -> None:
+    require_all((pinched(seed, **how) for seed in seeds), len(seeds))
 
 
 @pytest.mark.parametrize(
@@ -146,7 +157,7 @@ def carried(scene: sp.Scene) -> sp.Scene:
 def test_driven_fingers_and_hands_that_move(alter: Callable[[sp.Scene], sp.Scene]) -> None:
     compared = 0
     for seed in (0, 2, 6, 8, 9, 10, 11):
-        found = Compared(seed, alter, dt=1e-4)
+        found = pinched(seed, alter, dt=1e-4)
         assert found.error is not None and found.error < 1e-7, seed
         compared += len(found.run.contact_changes) > 1
     assert compared >= 4

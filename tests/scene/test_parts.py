@@ -267,9 +267,7 @@ def test_jaws_have_no_degrees() -> None:
 
 
 REFUSED: dict[str, Any] = {
-    "a run with sensitivities": lambda s: sp.simulate(s, sensitivities="grasped.mass"),
     "a reference solution": lambda s: sp.reference.solve(s, [0.0, 0.01]),
-    "fit": lambda s: sp.fit(s, [0.0, 0.01], {"x": [0.0, 0.0]}, {"grasped.mass": None}),
     "consistent_states": lambda s: sp.strategies.consistent_states(s).example(),
     'the axis "tilt"': lambda s: sp.stability_map(s, "tilt", [10.0], progress=False),
 }

@@ -16,7 +16,8 @@ from ..run.request import Request
 from ..run.run import computed
 from ..run.simulate import warn_of_steps
 from ..scene import usual
-from ..scene.fields import QUANTITIES
+from ..scene.fields import QUANTITIES, of_column
+from ..scene.parts import jaws
 from ..scene.paths import with_numbers
 from ..scene.scene import Scene
 from ..support import checks
@@ -136,7 +137,7 @@ class Experiment(Result):
             times=instants,
             observables=observables,
             columns=tuple(owner),
-            units=tuple(INDICES[column].unit for column in owner),
+            units=tuple(of_column(name, INDICES[name].unit, jaws(scene)) for name in owner),
             data=data,
             noise=found,
             estimated=np.isnan(found),
@@ -161,7 +162,8 @@ class Experiment(Result):
         """The noise (c,) below which there is only round-off."""
         sizes = scaled_error.usual(self.scene)
         radius = max(tip.radius for tip in self.scene.hand.tips)
-        sizes["torque"] = radius * sizes["multipliers"][:2]
+        levers = np.where(jaws(self.scene), 1.0, radius)
+        sizes["torque"] = levers * sizes["multipliers"][:2]
         places = [INDICES[column] for column in self.columns]
         return _ROUND_OFF * np.array([sizes[each.quantity][each.column] for each in places])
 

@@ -13,7 +13,6 @@ from ..run.options import Options
 from ..run.request import Request
 from ..run.sensitivity import checked
 from ..scene.directions import move_breakpoints
-from ..scene.parts import refuse_others
 from ..scene.scene import Scene
 from ..scene.stabilization import Stabilization
 from ..support import checks
@@ -130,7 +129,6 @@ def fit(
         raise ValueError(f"measured: {count} numbers cannot determine {what}")
     paths = [each.path for each in found]
     for each in scenes:
-        refuse_others(each, "fit")
         checked(Request(each, options), paths)
         if options.tolerance is None and move_breakpoints(each, paths):
             rule = "is fitted with tolerance=, not with dt"

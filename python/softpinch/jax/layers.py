@@ -18,7 +18,6 @@ from ..run.request import Request
 from ..run.simulate import simulate as run_of
 from ..scene import Noise, SampledController, Scene, Stabilization
 from ..scene.fields import QUANTITIES
-from ..scene.parts import refuse_others
 from ..scene.template import SceneTemplate
 from ..support import checks
 from ..support.arrays import Floats
@@ -168,7 +167,6 @@ def final_state(
 def _prepared(scene: Scene, vary: str | Sequence[str], *how: Any) -> tuple[SceneTemplate, Options]:
     require_float64()
     checks.instance("scene", scene, Scene)
-    refuse_others(scene, "softpinch.jax")
     options = Options.checked(*how)
     paths = [vary] if isinstance(vary, str) else checks.several("vary", vary, "paths")
     if not paths:

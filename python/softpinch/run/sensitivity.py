@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import _core
 from ..scene.directions import by_path, count, directions, listed, require_derivatives, shapes
+from ..scene.parts import branches
 from ..scene.scene import State
 from ..support import checks
 from ..support.arrays import Floats, read_only
@@ -33,18 +34,19 @@ class SensitivityState(Result):
 
     Attributes:
         shapes: Path -> the shape of the value there.
-        derivatives: (20, d), of q, p and the integrals of the angle errors, by the d numbers at the
-            paths.
+        derivatives: (20 + k, d), of q, p, the integrals of the angle errors and the k states of
+            `Maxwell` branches, by the d numbers at the paths.
     """
 
     shapes: Mapping[str, tuple[int, ...]]
     derivatives: Floats
 
     def __post_init__(self) -> None:
-        name, wanted = "SensitivityState.derivatives", (20, count(self.shapes))
+        name, columns = "SensitivityState.derivatives", count(self.shapes)
         found = checks.numbers(name, self.derivatives)
-        if found.shape != wanted:
-            raise ValueError(f"{name} has shape {found.shape}: must have {wanted}")
+        if found.shape not in ((20, columns), (24, columns), (28, columns)):
+            rule = f"must have {(20, columns)}, and 4 more rows for each Maxwell branch"
+            raise ValueError(f"{name} has shape {found.shape}: {rule}")
         object.__setattr__(self, "derivatives", found)
         super().__post_init__()
 
@@ -54,8 +56,8 @@ class Sensitivity(Shown, Mapping[str, Floats]):
 
     It is a mapping: `run.sensitivity[path]` has the derivatives of q (columns 0 to 8) and p (9 to
     17) by the value at `path`, (n, 18), or (n, 18, ...) if that is a pair or an array. Units are
-    those of the coordinate or rate over that of the value. `multipliers`, `torque`, `integral` and
-    `energy` are mappings of the same kind.
+    those of the coordinate or rate over that of the value. `multipliers`, `torque`, `integral`,
+    `relaxation` and `energy` are mappings of the same kind.
 
     They are the derivatives of the numbers that the run computed, exact to round-off, with the
     number and the lengths of its steps held, with `tolerance` its error control too: where a path
@@ -113,6 +115,11 @@ class Sensitivity(Shown, Mapping[str, Floats]):
         return self._of("integral")
 
     @property
+    def relaxation(self) -> Mapping[str, Floats]:
+        """Path -> the derivatives of the states of `Maxwell` branches (n, k, ...)."""
+        return self._of("relaxation")
+
+    @property
     def multipliers(self) -> Mapping[str, Floats]:
         """Path -> the derivatives of the multipliers (n, 4, ...), if these were recorded."""
         return self._recorded("multipliers")
@@ -143,7 +150,8 @@ class Sensitivity(Shown, Mapping[str, Floats]):
         k = checks.integer("k", k)
         if not -rows <= k < rows:
             raise IndexError(f"k = {checks.shown(k)}: the run has only {rows} recorded rows")
-        whole = np.concatenate([self._found["state"][k], self._found["integral"][k]])
+        parts = ("state", "integral", "relaxation")
+        whole = np.concatenate([self._found[name][k] for name in parts])
         lost = [path for path, own in by_path(whole, self._shapes).items() if np.isnan(own).any()]
         if lost:
             why = f"the derivatives by {checks.quoted(lost)} are NaN in this row"
@@ -184,7 +192,8 @@ def checked(
         return {}, None
     require_derivatives(scene)
     found = shapes(scene, paths)
-    if seeds is not None and found != asked.shapes:  # type: ignore[union-attr]
+    rows = 20 + 4 * branches(scene)
+    if seeds is not None and (found, rows) != (asked.shapes, len(seeds)):  # type: ignore[union-attr]
         raise ValueError("sensitivities: the SensitivityState is that of another scene")
     along = directions(scene, paths, seeds=seeds)
     # Without rows, the core only refuses what has no derivatives.
@@ -211,6 +220,7 @@ def differentiated(
     ends = np.cumsum(list(_core.SENSITIVITIES.values()))[:-1]
     split = np.split(np.moveaxis(found, 0, -1), ends, axis=1)
     parts = dict(zip(_core.SENSITIVITIES, split, strict=True))
+    parts["relaxation"] = parts["relaxation"][:, : 4 * branches(request.scene)]
     # Copies, so that the memory of what was not recorded can be used again.
     left_out = {*_RECORDED} - {*request.options.record}
     kept = {name: part.copy() for name, part in parts.items() if name not in left_out}

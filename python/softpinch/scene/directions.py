@@ -22,7 +22,7 @@ from ..support import Floats, checks
 from ..support.record import unchecked
 from .disturbance import DISTURBANCES, Compiled, Disturbance
 from .motion import MOTIONS
-from .parts import refuse_others
+from .parts import branches
 from .paths import locate
 from .piecewise import Piecewise
 from .scene import Scene, State
@@ -33,8 +33,13 @@ from .template import SceneTemplate
 _TINY = 1e-200
 # A jump of the hand's acceleration below this share of its largest coefficient is round-off.
 _JUMP = 1e-9
-# Fields of a `State` -> the columns of the start's derivative, which are q, p and integral.
-STARTS = {"q": slice(0, 9), "p": slice(9, 18), "integral": slice(18, 20)}
+# Fields of a `State` -> the columns of the start's derivative.
+STARTS = {
+    "q": slice(0, 9),
+    "p": slice(9, 18),
+    "integral": slice(18, 20),
+    "relaxation": slice(20, 28),
+}
 # The inputs and parameters that a direction leaves alone, and why.
 _REFUSED = {
     "duration": "rows at fixed times do not depend on the run's end",
@@ -49,7 +54,6 @@ _Entry: TypeAlias = tuple[str, tuple[int, ...]]
 
 def require_derivatives(scene: Scene) -> None:
     """Refuses a scene whose runs have no derivatives."""
-    refuse_others(scene, "a run with sensitivities")
     if scene.law == "sampled":
         why = "whose torques step from sample to sample"
         raise ValueError(f"sensitivities: control must not be a SampledController, {why}")
@@ -120,16 +124,18 @@ def directions(
     """Makes the directions of all numbers at paths that `shapes` has checked.
 
     `shared` is the scene that all runs share, if it differs from the run's own in the paths
-    `varied`. `seeds` are derivatives (20, d) of the start (q, p and integral) in place of those
-    that the paths give, for a run that goes on from another one.
+    `varied`. `seeds` are derivatives of the start (q, p, integral and relaxation), a column for
+    each direction, in place of those that the paths give, for a run that goes on from another one.
     """
-    derived = None if isinstance(scene.initial, State) else scene._start_kind
-    start = "driven" if derived and scene.fingers == "driven" else derived
-    start = "contact" if start == "apart" else start
+    if isinstance(scene.initial, State):
+        start = "relaxed" if scene.initial.relaxation is None and branches(scene) else None
+    else:
+        derived = "contact" if scene._start_kind == "apart" else scene._start_kind
+        start = "driven" if scene.fingers == "driven" else derived
     template = _template(scene if shared is None else shared, paths, varied)
     entries = _entries(template, paths)
     parameters = np.zeros((len(entries), len(_core.PARAMETERS)))
-    initial = np.zeros((len(entries), 20))
+    initial = np.zeros((len(entries), 28))
     base = _compiled(scene)
     slopes = [_slopes(scene, base, path, index) for path, index in entries]
     motion, shifts = _motion_slopes(scene, entries)
@@ -140,7 +146,7 @@ def directions(
             places = (*map(int, filter(None, inside)), *index)
             initial[k, STARTS[name]][places] = 1.0
     if seeds is not None:
-        initial = np.ascontiguousarray(seeds.T)
+        initial[:, : len(seeds)] = seeds.T
     shifts += [row for k, slope in enumerate(slopes) for row in _shifts(scene, base, slope, k)]
     # Impulses follow in the order of their times.
     times = np.array([impulse[0] for load in base for impulse in load.impulses])

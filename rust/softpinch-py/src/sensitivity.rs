@@ -13,13 +13,13 @@ use softpinch::driver::{
     COMPONENTS, Derivatives, Direction, DirectionEnd, Request, Shift, derivatives, sensitivities as core,
 };
 use softpinch::error::lookup;
-use softpinch::model::{Motion, PARAMETER_COUNT, STARTS, Start};
+use softpinch::model::{NUMBERS, PARAMETER_COUNT, STARTS, Start};
 use softpinch::stepping::{Options, SUMMARIES, Summary};
 
 /// Derivatives with three axes.
 type Numbers<'py> = Bound<'py, PyArray<f64, Ix3>>;
 
-/// Directions in which runs are differentiated. The rows of `parameters` (d, 38), `initial` (d, 20) and `impulse_times`
+/// Directions in which runs are differentiated. The rows of `parameters` (d, p), `initial` (d, 28) and `impulse_times`
 /// (d, impulses) and the runs of `inputs` are the directions. `shifts` (m, 11) has the direction, the time, and the shifts of
 /// the targets (2), of their accelerations (2), of the forces (3) and of the hand's acceleration (2). `start` says what
 /// the start follows from; None if it is given.
@@ -42,7 +42,7 @@ impl Directions {
         start: Option<&str>,
     ) -> PyResult<Self> {
         let parameters = columns::<PARAMETER_COUNT>("parameters", &parameters)?;
-        let initial = columns::<20>("initial", &initial)?;
+        let initial = columns::<NUMBERS>("initial", &initial)?;
         let shifts = columns::<11>("shifts", &shifts)?;
         let impulse_times = impulse_times.as_array();
         let count = parameters.len();
@@ -55,12 +55,7 @@ impl Directions {
             directions.push(Direction {
                 parameters,
                 inputs: inputs.of(k, 0.0).map_err(raise)?,
-                initial: Motion {
-                    q: std::array::from_fn(|n| initial[n]).into(),
-                    p: std::array::from_fn(|n| initial[9 + n]).into(),
-                    memory: [initial[18], initial[19]],
-                    ..Motion::zero()
-                },
+                initial: (*initial).into(),
                 shifts: own.map(shift).collect(),
                 impulse_times: impulse_times.row(k).to_vec(),
             });

@@ -30,7 +30,7 @@
 //!
 //! | module | contents | equations |
 //! |---|---|---|
-//! | [`number`] | real numbers, lanes of several runs, instructions, derivatives, sines, small solves | |
+//! | [`number`] | real numbers, lanes of several runs, instructions, derivatives, sines, powers, small solves | |
 //! | `model::parameters` | hand, tips, object, gains, and their rules | Tables I, II |
 //! | `model::contact::mechanism` | the tip's centre and its tilt | (7), (8), (11) |
 //! | `model::contact::shape` | the object's sides | |
@@ -73,4 +73,4 @@ extern crate self as softpinch;
 mod tests;
 
 /// Version of the results. It must change whenever the bits of a result change.
-pub const RESULTS_VERSION: u32 = 8;
+pub const RESULTS_VERSION: u32 = 9;

@@ -6,7 +6,7 @@ use crate::driver::sensitivities::{Direction, Kept, Request, Take};
 use crate::error::Result;
 use crate::formulation::{MAX_COMPONENTS, RunDual, RunDualEquations, StageState, System};
 use crate::method::values;
-use crate::model::{Input, Motion, Scene, SegmentDrive, State, VariedParameters, unpacked};
+use crate::model::{Input, Motion, Scene, SegmentDrive, State, VariedParameters, relaxed, unpacked};
 use crate::number::{LaneTask, Lanes, Real, task};
 use crate::stepping::{Grid, POLL, Segment, Span, Steps};
 
@@ -31,7 +31,7 @@ fn next_step(segment: &Segment, taken: u64, ends: Option<&[f64]>) -> Option<Step
     (end <= segment.end).then_some(StepTimes { tau, h: end - from, tau_end, end })
 }
 
-/// A run with its derivatives in some directions, at most eight.
+/// A run with its derivatives in some directions, at most [`DIRECTIONS`](crate::model::DIRECTIONS).
 pub(super) struct DifferentiatedRun<'a, R> {
     pub request: Request<'a>,
     pub ends: &'a [f64],
@@ -152,7 +152,11 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         for (n, own) in row.iter_mut().enumerate() {
             *own = *own + self.varied(0.0, |one| one.initial.row()[n]);
         }
-        row.into()
+        let mut motion = Motion::from(row);
+        if self.request.start.is_some() {
+            motion.relaxation = relaxed(&self.source, &motion.q);
+        }
+        motion
     }
 
     /// Applies the shifts of inputs whose jump moves at a breakpoint, then its impulses. Returns whether there are any.

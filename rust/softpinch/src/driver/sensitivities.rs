@@ -9,8 +9,8 @@ use crate::error::{Error, Result};
 use crate::formulation::{Evaluation, RunDual, RunDualEquations, System};
 use crate::method::Method;
 use crate::model::{
-    BILATERAL_WORKS, ContactModel, Contacts, DIRECTIONS, Inputs, Motion, PARAMETER_COUNT, Parameters, Scene,
-    Start, VariedParameters,
+    BILATERAL_WORKS, ContactModel, Contacts, DIRECTIONS, Inputs, Motion, PARAMETER_COUNT, Parameters,
+    RELAXATIONS, Scene, Start, VariedParameters,
 };
 use crate::number::{LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
 use crate::stepping::{
@@ -53,11 +53,17 @@ pub struct Shift {
 }
 
 /// The quantities whose derivatives a row has, with the number of components of each.
-pub const QUANTITIES: [(&str, usize); 5] =
-    [("state", 18), ("integral", 2), ("multipliers", 4), ("torque", 2), ("energy", 3 + BILATERAL_WORKS)];
+pub const QUANTITIES: [(&str, usize); 6] = [
+    ("state", 18),
+    ("integral", 2),
+    ("relaxation", RELAXATIONS),
+    ("multipliers", 4),
+    ("torque", 2),
+    ("energy", 3 + BILATERAL_WORKS),
+];
 
 /// Number of components of a row.
-pub const COMPONENTS: usize = 18 + 2 + 4 + 2 + 3 + BILATERAL_WORKS;
+pub const COMPONENTS: usize = 20 + RELAXATIONS + 4 + 2 + 3 + BILATERAL_WORKS;
 
 /// Why a run could not be followed to its end in a direction, if so; the numbers from there on are NaN. And the derivatives of
 /// the times of the changes of contacts' modes until then.
@@ -98,15 +104,16 @@ pub fn sensitivities(request: Request<'_>) -> Result<Option<Derivatives>> {
     let unilateral = options.contact == ContactModel::Unilateral;
     let explicit = matches!(options.method, Method::Rk4 | Method::Dop853);
     let energy = options.record.contains(Recordable::Energy);
+    let remembers = scene.parameters.branches() > 0 && options.method == Method::Radau5;
     let refused = [
         (scene.inputs.sampled.is_some(), "control", "SampledController", "the others"),
-        (!scene.parameters.has_the_papers_parts(), "hand", "of other parts", "those of the paper's parts"),
         (
             unilateral && !explicit,
             "method",
             options.method.name(),
             "\"rk4\", \"dop853\" in unilateral contact",
         ),
+        (remembers, "method", "radau5", "the others with Maxwell branches"),
         (unilateral && energy, "record", "energy", "the others in unilateral contact"),
     ];
     if let Some((_, field, name, allowed)) = refused.into_iter().find(|(refused, ..)| *refused) {
@@ -125,7 +132,7 @@ pub fn sensitivities(request: Request<'_>) -> Result<Option<Derivatives>> {
     call_four_lanes(Followed { request, ends: &ends })
 }
 
-/// A run that is followed: all directions, in chunks of eight. `ends` has the ends of free steps.
+/// A run that is followed: all directions, in chunks of [`DIRECTIONS`]. `ends` has the ends of free steps.
 struct Followed<'a> {
     request: Request<'a>,
     ends: &'a [f64],
@@ -242,9 +249,7 @@ impl<R: Lanes> Kept<'_, R> {
             energy[..3].copy_from_slice(&[energies.kinetic, energies.elastic, energies.gravity]);
             energy[3..].copy_from_slice(&y[size.states..size.all()]);
         }
-        let Motion { q, p, memory, .. } = now.motion;
-        let motion = q.row().into_iter().chain(p.row()).chain(memory);
-        let row = motion.chain(now.multipliers).chain(now.torque).chain(energy);
+        let row = now.motion.row().into_iter().chain(now.multipliers).chain(now.torque).chain(energy);
         for (component, number) in row.enumerate() {
             for (k, own) in self.numbers.chunks_mut(self.times.len() * COMPONENTS).enumerate() {
                 own[self.taken * COMPONENTS + component] = number.direction(k);

@@ -69,13 +69,14 @@ impl ContactJump {
 
 task! {
     /// Lets it happen to a state, whose works stay.
-    pub(crate) ['a, R: Lanes]
-    ApplyJump<'a, R>(equations: &'a Unilateral<R>, input: &'a Input<R>, y: &'a mut States<R>, jump: ContactJump,
+    pub(crate) ['a, R: Lanes, E: Equations<R>]
+    ApplyJump<'a, R, E>(equations: &'a E, input: &'a Input<R>, y: &'a mut States<R>, jump: ContactJump,
         impulse: &'a [R; 3])
     for R => () = {
         let driven = equations.plant().driven;
         let mut motion = equations.unpack(driven, input, y);
-        jump.apply::<R, <Unilateral<R> as Equations<R>>::Parts>(equations, &mut motion, impulse);
+        let Some(own) = equations.unilateral() else { return };
+        jump.apply::<R, E::Parts>(own, &mut motion, impulse);
         let states = equations.states(driven);
         y[..states].copy_from_slice(&equations.begin(driven, &motion)[..states]);
     }

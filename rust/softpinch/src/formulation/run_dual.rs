@@ -1,5 +1,5 @@
 //! The equations of a run with their derivatives in directions of the caller's choice: by parameters, inputs and
-//! start. Methods take their steps with them in dual numbers. Only bilateral contact is compiled for these numbers.
+//! start. Methods take their steps with them in dual numbers.
 
 use crate::formulation::{Choice, MAX_COMPONENTS, SceneEquations, StageState, States, System};
 use crate::model::{Constants, SegmentDrive, Stabilization, VariedParameters};
@@ -7,7 +7,7 @@ use crate::number::{Dual, Lanes, Lift, Real};
 
 /// A number of a run, the same in every lane, with its derivatives in [`DIRECTIONS`](crate::model::source::DIRECTIONS)
 /// directions, for vectors of four lanes.
-pub type RunDual<R> = Dual<R, 2>;
+pub type RunDual<R> = Dual<R, 1>;
 
 /// A number with its derivatives, and the derivative of all of these in one more direction.
 type SecondDual<R> = Dual<RunDual<R>, 1>;

@@ -106,9 +106,16 @@ impl<R: Lanes> SceneEquations<R> {
         jump: ContactJump,
         impulse: &[R; 3],
     ) {
-        let EquationKind::Unilateral(equations) = &self.kind else { return };
         let input = &R::outlined(InputAt { drive: at.0, tau: at.1 });
-        R::outlined(ApplyJump { equations, input, y, jump, impulse });
+        match &self.kind {
+            EquationKind::Unilateral(equations) => {
+                R::outlined(ApplyJump { equations, input, y, jump, impulse });
+            }
+            EquationKind::AnyParts(equations) if R::ANY_PARTS => {
+                R::outlined(ApplyJump { equations, input, y, jump, impulse });
+            }
+            _ => {}
+        }
     }
 }
 

@@ -4,6 +4,7 @@
 //! IV.2). The power function is our own, so that every machine takes the same steps. It is short: a library's
 //! function, exact to the last bit, would take as long as a lane's share of a step.
 
+use crate::number::powers::{ROUNDER, bits, split};
 use crate::number::{Bits, Lanes};
 
 /// The next length is this much shorter than the control asks for, so that the error stays below the allowed one.
@@ -29,14 +30,8 @@ const BEFORE: f64 = 1e-4;
 /// about 1, and 2^t uses the series of exp.
 #[inline(always)]
 fn power<R: Lanes>(x: R, y: f64) -> R {
-    const FRACTION: u64 = (1 << 52) - 1;
-    const ROOT: u64 = std::f64::consts::FRAC_1_SQRT_2.to_bits();
     let c = R::constant;
-    // x = 2^e m with m from 1/sqrt(2) to sqrt(2). The bits of the exponent become the lowest bits of a number
-    // that is so large that its last bit counts 1.
-    let up = 1.0f64.to_bits() - ROOT;
-    let e = bits(x, x, |x, _| (x.wrapping_add(up) >> 52) | UNIT.to_bits()) - c(UNIT + 1023.0);
-    let m = bits(x, x, |x, _| (x.wrapping_add(up) & FRACTION) + ROOT);
+    let (e, m) = split(x);
     let s = (m - c(1.0)) / (m + c(1.0));
     let z = s * s;
     let series =
@@ -52,17 +47,6 @@ fn power<R: Lanes>(x: R, y: f64) -> R {
     // `rounded` has k in its lowest bits. Shifted to the place of the exponent, they multiply by 2^k.
     bits(exp, rounded, |exp, k| exp.wrapping_add(k << 52))
 }
-
-/// Computes the bits of a number from those of two others, lane by lane.
-#[inline(always)]
-fn bits<R: Lanes>(a: R, b: R, of: impl Fn(u64, u64) -> u64) -> R {
-    R::from_fn(|lane| f64::from_bits(of(a.lane(lane).to_bits(), b.lane(lane).to_bits())))
-}
-
-/// Adding this number rounds to an integer and leaves that integer in the lowest bits.
-const ROUNDER: f64 = 6_755_399_441_055_744.0;
-/// 2^52: from this number to twice as much the last bit counts 1.
-const UNIT: f64 = 4_503_599_627_370_496.0;
 
 /// The step control of the runs in all lanes.
 #[derive(Debug, Clone, Copy)]

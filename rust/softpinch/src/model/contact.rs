@@ -408,7 +408,7 @@ impl<R: Real> PartsAt<'_, R> {
         let normal_turn = omega + signed(i, k * speed_t);
         // The angle of the normal, then theta_p = phi + s_i Theta.
         let (sin_normal, cos_normal) = (sin.dot2(n_cos, cos, n_sin), cos.dot2(n_cos, -sin, n_sin));
-        let (sin_base, cos_base) = base.angle.sin_cos();
+        let [angle, sin_base, cos_base] = base.angle;
         let (d_n, rates) = match deformation {
             Some(own) => own,
             None => {
@@ -420,7 +420,7 @@ impl<R: Real> PartsAt<'_, R> {
         let [d_n_rate, d_t_rate] = rates;
         let square = z_rate * z_rate;
         let contact = Contact {
-            tilt: base.angle + (signed(i, theta) + foot.tilt),
+            tilt: angle + (signed(i, theta) + foot.tilt),
             sin_tilt: sin_base.dot2(cos_normal, signed(i, cos_base), sin_normal),
             cos_tilt: cos_base.dot2(cos_normal, -signed(i, sin_base), sin_normal),
             tilt_rate: k.mul_add(speed_t, turn),

@@ -42,8 +42,8 @@ pub use geometry::Geometry;
 pub use inputs::{HandMotion, Impulse, Inputs, Sinusoid};
 pub(crate) use inputs::{Held, Sampled};
 pub use measures::{MEASURES, Measure};
-pub use motion::Motion;
 pub(crate) use motion::{Linearized, unpacked};
+pub use motion::{Motion, NUMBERS};
 pub use noise::Noise;
 pub use parameters::{
     Finger, Fingertip, Friction, GraspedObject, Law, Maxwell, Mechanism, PARAMETER_COUNT, Parameters,

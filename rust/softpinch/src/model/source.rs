@@ -28,7 +28,7 @@ impl<R: Lanes> Source<R> for [&Parameters; MOST] {
 }
 
 /// Number of directions in which a run is differentiated at once.
-pub const DIRECTIONS: usize = 8;
+pub const DIRECTIONS: usize = 4;
 
 /// The parameters of one run, with their derivatives in several directions.
 #[derive(Debug, Clone)]

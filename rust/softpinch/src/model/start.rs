@@ -10,7 +10,7 @@ use crate::model::{
     MechanismKind, Motion, Papers, Parameters, RELAXATIONS, SIDES, Source, Surface,
 };
 use crate::names::named;
-use crate::number::Real;
+use crate::number::{LaneTask, Real, task};
 
 /// A gap below this share of the tip's radius counts as round-off.
 const GAP: f64 = 1e-9;
@@ -61,11 +61,11 @@ impl State {
 }
 
 /// The states of branches that have relaxed at these coordinates: r = F(d_n) and zeta = d_t.
-pub fn relaxed(parameters: &Parameters, q: &Coordinates) -> [f64; RELAXATIONS] {
-    let mut states = [0.0; RELAXATIONS];
-    for k in 0..parameters.branches() {
+pub fn relaxed<R: Real>(source: &impl Source<R>, q: &Coordinates<R>) -> [R; RELAXATIONS] {
+    let mut states = [R::zero(); RELAXATIONS];
+    for k in 0..source.kinds().branches() {
         for i in 0..2 {
-            states[4 * k + i] = law::force(parameters, i, q.compression[i]);
+            states[4 * k + i] = law::force(source, i, q.compression[i]);
             states[4 * k + 2 + i] = q.shear[i];
         }
     }
@@ -78,40 +78,40 @@ fn upright(parameters: &Parameters, angles: [f64; 2]) -> Coordinates {
     if !parameters.has_the_papers_parts() {
         return upright_between(parameters, angles, angles);
     }
-    upright_at(parameters, angles, angles.map(|angle| (libm::sin(angle), libm::cos(angle))))
-}
-
-/// [`upright`] for the paper's parts, in numbers of any type. `turns` are the sines and cosines of the fingers' angles.
-#[inline(always)]
-fn upright_at<R: Real>(source: &impl Source<R>, finger: [R; 2], turns: [(R, R); 2]) -> Coordinates<R> {
-    let zero = R::zero();
-    let mut heights = [zero; 2];
-    for i in 0..2 {
-        let (sin, cos) = turns[i];
-        heights[i] = source.number(|p| p.fingers[i].length) * cos
-            - source.number(|p| p.fingers[i].half_thickness) * sin;
-    }
-    let (x, y) = (source.number(|p| p.grasped.com_offset), R::constant(0.5) * (heights[0] + heights[1]));
-    let mut q = Coordinates { object: [x, y, zero], finger, ..Coordinates::zero() };
+    let heights = [0, 1].map(|i| {
+        let Finger { length, half_thickness, .. } = parameters.fingers[i];
+        length * libm::cos(angles[i]) - half_thickness * libm::sin(angles[i])
+    });
+    let object = [parameters.grasped.com_offset, 0.5 * (heights[0] + heights[1]), 0.0];
+    let mut q = Coordinates { object, finger: angles, ..Coordinates::zero() };
     let [right, left, ..] =
-        Geometry::<R, Papers>::of(&Side::both(source), &q, &Coordinates::zero()).residuals();
+        Geometry::<f64, Papers>::of(&Side::both(parameters), &q, &Coordinates::zero()).residuals();
     q.compression = [-right, -left];
     q
 }
 
 /// The same for any mechanisms and sides, at the mean height of the tips above the apexes of the sides where the fingers
 /// have the coordinates `level`.
-fn upright_between(parameters: &Parameters, finger: [f64; 2], level: [f64; 2]) -> Coordinates {
-    let (mut heights, mut apexes) = ([0.0; 2], [[0.0; 2]; 2]);
-    for i in 0..2 {
-        apexes[i] = Surface::<f64>::new(parameters, i).apex;
-        heights[i] = Mechanism::<f64>::new(parameters, i).placed(level[i]).centre[1] - apexes[i][1];
+#[inline(always)]
+fn upright_between<R: Real>(source: &impl Source<R>, finger: [R; 2], level: [R; 2]) -> Coordinates<R> {
+    R::outlined(UprightBetween { source, finger, level })
+}
+
+task! {
+    ['a, R: Real, S: Source<R>] UprightBetween<'a, R, S>(source: &'a S, finger: [R; 2], level: [R; 2])
+    for R => Coordinates<R> = {
+        let (zero, half) = (R::zero(), R::constant(0.5));
+        let (mut heights, mut apexes) = ([zero; 2], [[zero; 2]; 2]);
+        for i in 0..2 {
+            apexes[i] = Surface::new(source, i).apex;
+            heights[i] = Mechanism::new(source, i).placed(level[i]).centre[1] - apexes[i][1];
+        }
+        let (x, y) = (half * (-apexes[0][0] - apexes[1][0]), half * (heights[0] + heights[1]));
+        let mut q = Coordinates { object: [x, y, zero], finger, ..Coordinates::zero() };
+        let [right, left, ..] = Geometry::<R>::of(&Side::both(source), &q, &Coordinates::zero()).residuals();
+        q.compression = [-right, -left];
+        q
     }
-    let (x, y) = (0.5 * (-apexes[0][0] - apexes[1][0]), 0.5 * (heights[0] + heights[1]));
-    let mut q = Coordinates { object: [x, y, 0.0], finger, ..Coordinates::zero() };
-    let [right, left, ..] = Geometry::of_scene(parameters, &q, &Coordinates::zero()).residuals();
-    q.compression = [-right, -left];
-    q
 }
 
 named! {
@@ -125,36 +125,36 @@ named! {
         Touching = "touching",
         /// [`driven`].
         Driven = "driven",
+        /// A given motion, in which branches have [`relaxed`].
+        Relaxed = "relaxed",
     }
 }
 
 impl Start {
-    /// The derivatives of a start of the paper's parts in the directions of the parameters and of the inputs at its instant.
+    /// The derivatives of a start, but for branches, in the directions of the parameters and of the inputs at its instant.
     /// `q` has its coordinates.
     #[inline(always)]
     pub fn varied<R: Real>(self, source: &impl Source<R>, input: &Input<R>, q: &Coordinates) -> Motion<R> {
         let zero = R::zero();
-        let mut angles = [zero; 2];
-        for (i, angle) in angles.iter_mut().enumerate() {
-            *angle = match self {
-                Self::Contact => zero,
-                Self::Driven => input.target[i],
-                Self::Touching => {
-                    // One step of Newton's method from the solution, for what `angle_at` solves.
-                    let at = R::constant(q.finger[i]);
-                    let (sin, cos) = at.sin_cos();
-                    let (length, half) = (
-                        source.number(|p| p.fingers[i].length),
-                        source.number(|p| p.fingers[i].half_thickness),
-                    );
-                    let distance = source
-                        .number(|p| (p.fingers[i].root_offset - p.tips[i].radius) - 0.5 * p.grasped.width);
-                    at - (length * sin + half * cos - distance) / (length * cos - half * sin)
+        let (mut finger, given) = ([zero; 2], q.compression);
+        match self {
+            Self::Contact => {}
+            Self::Driven => finger = input.target,
+            Self::Relaxed => return Motion::constant(&Motion { q: *q, ..Motion::zero() }),
+            Self::Touching => {
+                // One step of Newton's method from the solution, for what `coordinate_at` solves.
+                let at = q.finger.map(R::constant);
+                let middle = Coordinates { compression: [zero; 2], ..upright_between(source, at, [zero; 2]) };
+                let rates = Coordinates { finger: [R::constant(1.0); 2], ..Coordinates::zero() };
+                let geometry = Geometry::<R>::of(&Side::both(source), &middle, &rates);
+                let (gaps, slopes) = (geometry.residuals(), geometry.constraint_velocity());
+                for i in 0..2 {
+                    finger[i] = at[i] - gaps[i] / slopes[i];
                 }
-            };
+            }
         }
-        let given = q.compression;
-        let mut q = upright_at(source, angles, [angles[0].sin_cos(), angles[1].sin_cos()]);
+        let middle = self == Self::Touching && !source.kinds().has_the_papers_parts();
+        let mut q = upright_between(source, finger, if middle { [zero; 2] } else { finger });
         for i in 0..2 {
             // A tip that does not reach the object is not compressed.
             let gap = source.number(|p| -GAP * p.tips[i].radius);
@@ -166,7 +166,7 @@ impl Start {
         if self == Self::Driven {
             p.finger = input.target_rate;
             let mut pressed = q;
-            Geometry::<R, Papers>::constrained(&Side::both(source), &mut pressed, &mut p);
+            Geometry::<R>::constrained(&Side::both(source), &mut pressed, &mut p);
         }
         Motion { q, p, ..Motion::zero() }
     }
@@ -507,7 +507,7 @@ mod tests {
                 force: [zero; 3],
                 tau: zero,
             };
-            for (n, (name, start)) in STARTS.into_iter().enumerate() {
+            for (n, (name, start)) in STARTS.into_iter().take(now.len()).enumerate() {
                 let found = start.varied(&source, &input, &now[n]).q.row();
                 let [before, now, after] = [before, now, after].map(|starts| starts[n].row());
                 for k in 0..9 {

@@ -133,8 +133,8 @@ impl<R: Real, const W: usize> Real for Dual<R, W> {
 
     #[inline(always)]
     fn power(self, n: Self) -> Self {
-        let value = self.value.power(n.value);
-        let by_base = n.value * self.value.power(n.value - R::constant(1.0));
+        let (value, positive) = (self.value.power(n.value), R::zero().less(self.value));
+        let by_base = R::select(positive, n.value * (value / self.value), R::zero());
         let by_exponent = value * self.value.ln();
         dual!(k => value, by_base.dot2(self.slope[k], by_exponent, n.slope[k]))
     }

@@ -3,6 +3,7 @@
 pub(crate) mod dual;
 pub(crate) mod lanes;
 pub(crate) mod linear;
+pub(crate) mod powers;
 pub(crate) mod real;
 #[cfg(any(test, not(target_arch = "x86_64")))]
 pub(crate) mod row;

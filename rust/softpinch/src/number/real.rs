@@ -79,17 +79,18 @@ macro_rules! operators {
 }
 pub(crate) use operators;
 
-/// Functions of [`Real`] that vectors compute lane by lane.
-macro_rules! lane_by_lane {
+/// The elementary functions of [`Real`] that are computed alike in all lanes.
+macro_rules! elementary {
     () => {
         $crate::number::real::inlined! {
-            angle(self, cos: Self) -> Self = Self::from_fn(|lane| self.lane(lane).angle(cos.lane(lane)));
-            power(self, n: Self) -> Self = Self::from_fn(|lane| self.lane(lane).power(n.lane(lane)));
-            ln(self) -> Self = Self::from_fn(|lane| Real::ln(self.lane(lane)));
+            sin_cos(self) -> (Self, Self) = $crate::number::trigonometry::sin_cos(self);
+            angle(self, cos: Self) -> Self = $crate::number::powers::angle(self, cos);
+            power(self, n: Self) -> Self = $crate::number::powers::power(self, n);
+            ln(self) -> Self = $crate::number::powers::ln(self);
         }
     };
 }
-pub(crate) use lane_by_lane;
+pub(crate) use elementary;
 
 /// A real number with the operations that the mechanics need.
 pub trait Real:

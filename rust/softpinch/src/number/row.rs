@@ -2,8 +2,7 @@
 
 use std::ops::Neg;
 
-use crate::number::real::{inlined, lane_by_lane, operators};
-use crate::number::trigonometry;
+use crate::number::real::{elementary, inlined, operators};
 use crate::number::{Bits, LaneTask, Lanes, Real};
 
 /// Four lanes in an array, for any processor. The compiler chooses the vector instructions.
@@ -37,14 +36,13 @@ impl Real for Row4 {
         constant(x: f64) -> Self = Self([x; 4]);
         mul_add(self, a: Self, b: Self) -> Self =
             Self(std::array::from_fn(|k| self.0[k].mul_add(a.0[k], b.0[k])));
-        sin_cos(self) -> (Self, Self) = trigonometry::sin_cos(self);
         select(bits: Bits, a: Self, b: Self) -> Self =
             Self(std::array::from_fn(|k| if bits >> k & 1 != 0 { a.0[k] } else { b.0[k] }));
         less(self, other: Self) -> Bits = self.where_both(other, f64::lt);
         sqrt(self) -> Self = Self(self.0.map(f64::sqrt));
     }
 
-    lane_by_lane!();
+    elementary!();
 
     #[inline(never)]
     fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {

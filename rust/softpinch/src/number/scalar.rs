@@ -1,21 +1,19 @@
 //! `f64` as the number type of one run, and as lanes of width one.
 
+use crate::number::real::{elementary, inlined};
 use crate::number::simd::dispatch::call_alone;
-use crate::number::trigonometry;
-use crate::number::{Bits, LaneTask, Lanes, Real, inlined};
+use crate::number::{Bits, LaneTask, Lanes, Real};
 
 impl Real for f64 {
     inlined! {
         constant(x: f64) -> Self = x;
         mul_add(self, a: Self, b: Self) -> Self = f64::mul_add(self, a, b);
-        sin_cos(self) -> (Self, Self) = trigonometry::sin_cos(self);
         select(bits: Bits, a: Self, b: Self) -> Self = if bits & 1 != 0 { a } else { b };
         less(self, other: Self) -> Bits = Bits::from(self < other);
         sqrt(self) -> Self = f64::sqrt(self);
-        angle(self, cos: Self) -> Self = libm::atan2(self, cos);
-        power(self, n: Self) -> Self = if self > 0.0 { libm::pow(self, n) } else { 0.0 };
-        ln(self) -> Self = if self > 0.0 { libm::log(self) } else { 0.0 };
     }
+
+    elementary!();
 
     #[inline(always)]
     fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {

@@ -9,6 +9,7 @@
 //! Angles below pi/4 need no reduction, and shorter forms of the kernels take a third of the operations:
 //! fingers, tips and object rarely turn further.
 
+use crate::number::powers::ROUNDER;
 use crate::number::{Bits, Lanes, Real, each};
 
 /// Largest |x| that the three-part reduction serves: k = x / (pi/2) stays below 2^28, far from the size at
@@ -19,9 +20,6 @@ pub const REDUCIBLE: f64 = 268_435_456.0;
 const PIO2_1: f64 = f64::from_bits(0x3FF9_21FB_5444_2D18);
 const PIO2_2: f64 = f64::from_bits(0x3C91_A626_3314_5C07);
 const PIO2_3: f64 = f64::from_bits(0xB91F_1976_B7ED_8FBC);
-// Adding and subtracting 1.5 * 2^52 rounds to the nearest integer. After the addition the significand ends
-// with the low bits of that integer.
-const ROUNDER: f64 = 6_755_399_441_055_744.0;
 
 const S: [f64; 6] = [
     -1.666_666_666_666_663_2e-1,

@@ -40,13 +40,13 @@ pub(crate) fn modulus(parameters: &Parameters, i: usize) -> f64 {
 }
 
 /// F of the upright tip `i` at a compression, N.
-pub(crate) fn force(parameters: &Parameters, i: usize, d_n: f64) -> f64 {
-    curve(parameters, i, d_n).force
+pub(crate) fn force<R: Real>(source: &impl Source<R>, i: usize, d_n: R) -> R {
+    curve(source, i, d_n).force
 }
 
 #[inline(never)]
-fn curve(parameters: &Parameters, i: usize, d_n: f64) -> springs::Curve<f64> {
-    Springs::new(parameters, i).curve_called(d_n)
+fn curve<R: Real>(source: &impl Source<R>, i: usize, d_n: R) -> springs::Curve<R> {
+    R::outlined(Build { source, i }).curve_called(d_n)
 }
 
 /// The gradient of one tip's elastic energy.

@@ -56,13 +56,20 @@ pub struct Placed<R> {
     pub way: [R; 2],
     /// O''.
     pub bend: [R; 2],
-    /// phi, the angle of the base to the upright.
-    pub angle: R,
+    /// phi, the angle of the base to the upright, its sine and its cosine.
+    pub angle: [R; 3],
     /// phi', a constant of each kind.
     pub turn: R,
     /// The numbers to which the forces of gravity and of the hand's motion have factors: sine and cosine of an angle, or
     /// the travel of a jaw and zero.
     pub gravity: [R; 2],
+}
+
+/// An angle, its sine and its cosine.
+#[inline(always)]
+fn turned<R: Real>(angle: R) -> [R; 3] {
+    let (sin, cos) = angle.sin_cos();
+    [angle, sin, cos]
 }
 
 #[derive(Debug, Clone, Copy)]

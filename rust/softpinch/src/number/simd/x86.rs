@@ -8,8 +8,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::real::{inlined, lane_by_lane};
-use crate::number::trigonometry;
+use crate::number::real::{elementary, inlined};
 use crate::number::{Bits, LaneTask, Lanes, Real};
 
 /// Declares functions of an implementation that are inlined and consist of instructions.
@@ -76,12 +75,11 @@ macro_rules! vector {
             }
 
             inlined! {
-                sin_cos(self) -> (Self, Self) = trigonometry::sin_cos(self);
                 select(bits: Bits, a: Self, b: Self) -> Self = Self::blend(bits, a, b);
                 less(self, other: Self) -> Bits = self.below(other);
             }
 
-            lane_by_lane!();
+            elementary!();
 
             #[inline(always)]
             fn outlined<K: LaneTask<Self>>(task: K) -> K::Output {

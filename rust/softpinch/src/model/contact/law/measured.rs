@@ -13,42 +13,60 @@ pub const WEIGHTS: usize = 10;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measured<R> {
     range: R,
-    weights: [R; WEIGHTS],
+    /// Of F'', F', F and Phi, the coefficients of x^(k+n) (1 - x)^(9-k), in which n says which integral of F'' it is.
+    coefficients: [[R; WEIGHTS]; 4],
 }
 
 impl<R: Real> Measured<R> {
     #[inline(always)]
     pub(super) fn new(source: &impl Source<R>, i: usize) -> Self {
+        let range = source.number(|p| p.laws[i].range);
         let mut weights = [R::zero(); WEIGHTS];
         for (k, weight) in weights.iter_mut().enumerate() {
             *weight = source.number(|p| p.weights[i][k]);
         }
-        Self { range: source.number(|p| p.laws[i].range), weights }
+        let mut coefficients = [weights; 4];
+        for n in 0..4 {
+            let degree = (WEIGHTS - 1 + n) as f64;
+            if n > 0 {
+                // The integral of a polynomial is one of degree n + 1 with the running sums of its weights over n + 1.
+                let step = range * R::constant(1.0 / degree);
+                weights[0] = step * weights[0];
+                for k in 1..WEIGHTS {
+                    weights[k] = step.mul_add(weights[k], weights[k - 1]);
+                }
+            }
+            let mut binomial = 1.0;
+            for place in 0..WEIGHTS + n {
+                if place >= n {
+                    coefficients[n][place - n] = R::constant(binomial) * weights[place - n];
+                }
+                binomial *= (degree - place as f64) / (place as f64 + 1.0);
+            }
+        }
+        Self { range, coefficients }
     }
 
     /// The curve at a compression that is not negative.
     #[inline(always)]
     pub(super) fn curve(&self, d: R) -> Curve<R> {
-        let zero = R::zero();
+        let one = R::constant(1.0);
         let beyond = (d - self.range).positive_part();
         let x = (d - beyond) / self.range;
-        let y = R::constant(1.0) - x;
-        // The integral of a polynomial of degree n is one of degree n + 1 with the running sums of its weights over n + 1.
-        let (mut sums, mut doubles, mut triples) = ([zero; WEIGHTS], [zero; WEIGHTS], [zero; WEIGHTS]);
-        let (mut one_sum, mut two_sum, mut three_sum) = (zero, zero, zero);
+        let (y, mut powers, mut terms) = (one - x, [one; 2], [one; WEIGHTS]);
         for k in 0..WEIGHTS {
-            one_sum = one_sum + self.weights[k];
-            two_sum = two_sum + one_sum;
-            three_sum = three_sum + two_sum;
-            (sums[k], doubles[k], triples[k]) = (one_sum, two_sum, three_sum);
+            terms[k] = terms[k] * powers[0];
+            terms[WEIGHTS - 1 - k] = terms[WEIGHTS - 1 - k] * powers[1];
+            powers = [powers[0] * x, powers[1] * y];
         }
-        let degree = WEIGHTS as f64;
-        let step = |own: f64| self.range * R::constant(1.0 / own);
-        let (first, second, third) = (step(degree), step(degree + 1.0), step(degree + 2.0));
-        let bend = bernstein(&self.weights, 0, x, y);
-        let slope = first * bernstein(&sums, 1, x, y);
-        let force = first * second * bernstein(&doubles, 2, x, y);
-        let integral = first * second * third * bernstein(&triples, 3, x, y);
+        let mut sums = [R::zero(); 4];
+        for k in 0..WEIGHTS {
+            for n in 0..4 {
+                sums[n] = terms[k].mul_add(self.coefficients[n][k], sums[n]);
+            }
+        }
+        let [bend, slope, force, integral] =
+            [sums[0], x * sums[1], (x * x) * sums[2], (x * x) * (x * sums[3])];
         let half = R::constant(0.5) * beyond;
         Curve {
             integral: integral + beyond * (force + half * (slope + bend * beyond * R::constant(1.0 / 3.0))),
@@ -57,23 +75,4 @@ impl<R: Real> Measured<R> {
             bend,
         }
     }
-}
-
-/// A polynomial by its coefficients in Bernstein polynomials of degree `WEIGHTS - 1 + shift`, of which the first `shift` are
-/// zero, at `x` with `y` = 1 - x.
-#[inline(always)]
-fn bernstein<R: Real>(coefficients: &[R; WEIGHTS], shift: usize, x: R, y: R) -> R {
-    let degree = (WEIGHTS - 1 + shift) as f64;
-    let (mut binomial, mut power, mut sum) = (1.0, R::constant(1.0), R::zero());
-    for k in 0..shift {
-        binomial *= (degree - k as f64) / (k as f64 + 1.0);
-        power = power * x;
-    }
-    for (k, &coefficient) in coefficients.iter().enumerate() {
-        sum = sum.mul_add(y, R::constant(binomial) * coefficient * power);
-        let place = (k + shift) as f64;
-        binomial *= (degree - place) / (place + 1.0);
-        power = power * x;
-    }
-    sum
 }

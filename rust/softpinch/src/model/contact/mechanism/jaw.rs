@@ -1,6 +1,6 @@
 //! A jaw: its tip travels along a line and does not turn.
 
-use super::Placed;
+use super::{Placed, turned};
 use crate::model::Source;
 use crate::number::{Real, signed};
 
@@ -8,10 +8,10 @@ use crate::number::{Real, signed};
 pub struct Jaw<R> {
     /// The tip's centre at the coordinate zero: -X_0 inwards and Y_0 upwards.
     start: [R; 2],
-    /// gamma, the direction of travel, upwards from the direction to the middle of the hand.
-    direction: R,
-    /// phi_0.
-    angle: R,
+    /// Sine and cosine of gamma, the direction of travel, upwards from the direction to the middle of the hand.
+    direction: [R; 2],
+    /// phi_0, its sine and its cosine.
+    angle: [R; 3],
 }
 
 impl<R: Real> Jaw<R> {
@@ -22,8 +22,8 @@ impl<R: Real> Jaw<R> {
                 source.number(|p| p.fingers[i].half_thickness - p.fingers[i].root_offset),
                 source.number(|p| p.mechanisms[i].height),
             ],
-            direction: source.number(|p| p.mechanisms[i].direction),
-            angle: source.number(|p| p.mechanisms[i].angle),
+            direction: source.number(|p| p.mechanisms[i].direction).sin_cos().into(),
+            angle: turned(source.number(|p| p.mechanisms[i].angle)),
         }
     }
 
@@ -37,7 +37,7 @@ impl<R: Real> Jaw<R> {
         acceleration: [R; 2],
         turning: Option<[R; 2]>,
     ) -> (R, R) {
-        let (up, inwards) = self.direction.sin_cos();
+        let [up, inwards] = self.direction;
         let (along, [x, y]) = (signed(i, inwards), self.start);
         let (mut factor, mut drawn) = (R::zero(), acceleration[0].dot2(along, acceleration[1], up));
         if let Some([omega, omega_rate]) = turning {
@@ -50,7 +50,7 @@ impl<R: Real> Jaw<R> {
 
     #[inline(always)]
     pub(super) fn placed(&self, travel: R) -> Placed<R> {
-        let (sin, cos) = self.direction.sin_cos();
+        let [sin, cos] = self.direction;
         let (zero, [x, y]) = (R::zero(), self.start);
         Placed {
             centre: [travel.mul_add(cos, x), travel.mul_add(sin, y)],

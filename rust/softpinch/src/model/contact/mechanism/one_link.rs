@@ -50,7 +50,7 @@ impl<R: Real> OneLink<R> {
             centre: [inwards - self.root_offset, up],
             way: [up, -inwards],
             bend: [-inwards, -up],
-            angle,
+            angle: [angle, sin, cos],
             turn: R::constant(1.0),
             gravity: [sin, cos],
         }

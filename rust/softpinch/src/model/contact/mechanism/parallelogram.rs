@@ -1,6 +1,6 @@
 //! A parallelogram: two equal links keep the tip's base at one angle, so that its centre moves on a circle.
 
-use super::Placed;
+use super::{Placed, turned};
 use crate::model::Source;
 use crate::number::Real;
 
@@ -9,8 +9,8 @@ pub struct Parallelogram<R> {
     length: R,
     /// -W_f + d_f, the place inwards about which the tip's centre turns.
     middle: R,
-    /// phi_0.
-    angle: R,
+    /// phi_0, its sine and its cosine.
+    angle: [R; 3],
 }
 
 impl<R: Real> Parallelogram<R> {
@@ -19,7 +19,7 @@ impl<R: Real> Parallelogram<R> {
         Self {
             length: source.number(|p| p.fingers[i].length),
             middle: source.number(|p| p.fingers[i].half_thickness - p.fingers[i].root_offset),
-            angle: source.number(|p| p.mechanisms[i].angle),
+            angle: turned(source.number(|p| p.mechanisms[i].angle)),
         }
     }
 
