@@ -36,8 +36,8 @@ task! {
 }
 task! {
     ['a]
-    Jump<'a>(equations: &'a Unilateral<f64>, jump: ContactJump, motion: &'a mut Motion<f64>)
-    for f64 => () = jump.apply::<f64, Any>(equations, motion, &[0.0; 3])
+    Jump<'a>(equations: ContactEquations<'a>, jump: ContactJump, motion: &'a mut Motion<f64>)
+    for f64 => () = jump.apply(&equations, motion, &[0.0; 3])
 }
 task! {
     /// Computes the part of the constraints' accelerations that the coordinates' accelerations make.
@@ -80,7 +80,7 @@ impl<'a> ContactEquations<'a> {
 
     /// Lets a part of an event other than an impact happen to a motion.
     pub fn jump(&self, jump: ContactJump, motion: &mut Motion<f64>) {
-        f64::outlined(Jump { equations: self.equations, jump, motion });
+        f64::outlined(Jump { equations: *self, jump, motion });
     }
 
     /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.

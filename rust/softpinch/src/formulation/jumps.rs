@@ -2,8 +2,8 @@
 //! numbers of every kind, so that derivatives follow a run through its events.
 
 use crate::formulation::contact_solve::Load;
-use crate::formulation::{Equations, States, Unilateral, response};
-use crate::model::{Contacts, Coordinates, Geometry, Input, Mode, Motion, Parts, each_coordinate};
+use crate::formulation::{Equations, States, response};
+use crate::model::{Contacts, Coordinates, Geometry, Input, Mode, Motion, each_coordinate};
 use crate::number::{LaneTask, Lanes, task};
 
 /// A part of an event.
@@ -22,16 +22,17 @@ pub enum ContactJump {
 
 impl ContactJump {
     #[inline(always)]
-    pub fn apply<R: Lanes, P: Parts>(
+    pub fn apply<R: Lanes, E: Equations<R>>(
         &self,
-        equations: &Unilateral<R>,
+        equations: &E,
         Motion { q, p, .. }: &mut Motion<R>,
         impulse: &[R; 3],
     ) {
-        let (plant, zero) = (&equations.csm.plant, R::zero());
+        let Some(friction) = equations.friction() else { return };
+        let (plant, zero) = (equations.plant(), R::zero());
         // A contact depends on the deformations of its own tip only. Its velocity depends on the compression.
         for pass in 0..2 {
-            let geometry = Geometry::<R, P>::of(&plant.sides, q, p);
+            let geometry = Geometry::<R, E::Parts>::of(&plant.sides, q, p);
             let (gaps, velocity) = (geometry.residuals(), geometry.constraint_velocity());
             match *self {
                 Self::Meet(i) if pass == 0 => q.compression[i] = q.compression[i] - gaps[i],
@@ -44,8 +45,8 @@ impl ContactJump {
                         contacts.set(lane, modes, [0.0; 2]);
                     }
                     let force = Coordinates { object: *impulse, ..Coordinates::zero() };
-                    let (bias, friction) = (velocity, equations.friction);
-                    let load = Load { force, couple: pair, friction, bias, finger_acceleration: pair };
+                    let load =
+                        Load { force, couple: pair, friction, bias: velocity, finger_acceleration: pair };
                     let change = response(plant.driven, &geometry, plant, &contacts, &load).acceleration;
                     *p = each_coordinate!([p, change] => p + change);
                 }
@@ -75,8 +76,7 @@ task! {
     for R => () = {
         let driven = equations.plant().driven;
         let mut motion = equations.unpack(driven, input, y);
-        let Some(own) = equations.unilateral() else { return };
-        jump.apply::<R, E::Parts>(own, &mut motion, impulse);
+        jump.apply(equations, &mut motion, impulse);
         let states = equations.states(driven);
         y[..states].copy_from_slice(&equations.begin(driven, &motion)[..states]);
     }

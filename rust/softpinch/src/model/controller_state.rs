@@ -198,7 +198,8 @@ impl ControllerState {
             let rates = y.iter().skip(before.map(|measure| measure.width()).sum());
             for ((own, rate), [low, high]) in limited.iter_mut().zip(rates).zip(limits) {
                 let share = rate / controller.no_load_rate;
-                let [down, up] = [1.0 + share, 1.0 - share].map(|left| left.max(0.0).min(1.0));
+                let [down, up] =
+                    [1.0 + share, 1.0 - share].map(|left| if left > 0.0 { left.min(1.0) } else { 0.0 });
                 *own = own.clamp(low * down, high * up);
             }
         }
