@@ -181,6 +181,10 @@ bench-ensemble: build $(VENV)/.peers ## Time ensembles beside compiled peers
 bench-contact: build $(VENV)/.peers ## Time unilateral beside bilateral contact, and beside Siconos and MuJoCo
 	$(BIN)/python benchmarks/contact.py
 
+.PHONY: bench-parts
+bench-parts: build ## Time a step with each kind of finger, side and law beside the paper's
+	$(BIN)/python benchmarks/parts.py
+
 .PHONY: bench-creep
 bench-creep: build $(VENV)/.peers ## Hold a grasp for 1000 s beside MuJoCo, and see which one creeps
 	$(BIN)/python benchmarks/creep.py

@@ -323,10 +323,8 @@ def importance_sampling(
         missed = float((known > most).mean())
         square = max(square, mean * float(np.minimum(known, most).mean()))
     cov = math.hypot(math.sqrt(max(square / mean**2 - 1.0, 0.0) / (number - 1)), missed)
-    # Half of the share looks in all directions, where 2 % have an event that lies on one side. If
-    # these are few, the runs may not know all ways to the event.
-    if few and 0.5 * share * number * 0.02 < 5.0:
-        cov = max(cov, levels.cov)
+    if few:
+        cov = max(cov, levels.cov)  # the runs may not know all ways to the event
     lost = [] if levels.found else ["the levels did not lead to the event: runs around it did"]
     if (most := weights.max() / weights.sum()) > 0.05:
         lost.append(f"{most:.0%} of the estimate comes from one run: cov may be too small")

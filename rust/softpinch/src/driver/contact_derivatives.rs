@@ -10,7 +10,7 @@ use crate::driver::sensitivities::Request;
 use crate::error::{Error, Result, seconds};
 use crate::formulation::{MAX_COMPONENTS, RunDual, RunDualEquations, States, System};
 use crate::method::{RunDualMethod, Runs, Step, Unsolved, values};
-use crate::model::{ContactModel, Mode, SegmentDrive, VariedParameters};
+use crate::model::{ContactModel, Mode, SegmentDrive, Source, VariedParameters};
 use crate::number::{LaneTask, Lanes, Real, task};
 use crate::stepping::{Cause, Event, EventResult, LaneContact, Limits, Moment, Passage, Segment};
 
@@ -68,6 +68,10 @@ task! {
     for R => Result = contact.pass(method, place, (h, impulse), log)
 }
 
+task! {
+    ['a, D: Lanes, S: Source<D>] LimitsOf<'a, S>(source: &'a S) for D => Limits<D> = Limits::new(source)
+}
+
 impl<R: Lanes> Stepper<R> {
     /// The stepper at the start of a run with derivatives in `count` directions.
     pub fn new(
@@ -75,7 +79,7 @@ impl<R: Lanes> Stepper<R> {
         &Request { options, scene, .. }: &Request<'_>,
         (source, count): (&VariedParameters<'_>, usize),
     ) -> Result<Self> {
-        let (mut contact, limits) = (None, Limits::new(source));
+        let (mut contact, limits) = (None, RunDual::outlined(LimitsOf { source }));
         if options.contact == ContactModel::Unilateral {
             let mut lane = LaneContact::new(options, scene);
             lane.restart(options, scene)?;
