@@ -262,16 +262,17 @@ impl Inputs {
     /// The first instant after `t` at which an input may jump or kink, or infinity if there is none. With it
     /// a run finds its segments one by one and needs no list of them.
     pub fn next_breakpoint(&self, t: f64) -> f64 {
-        self.next_after(t, &mut Vec::new())
+        self.blocks().map(|(origin, block)| block.next_break(origin, t)).fold(self.next_other(t), f64::min)
     }
 
     /// The same. `ahead` is empty, or has the next breakpoints after an instant before `t` of the blocks of a discrete
     /// controller and of all else, which are looked for again only once they have passed.
     pub fn next_after(&self, t: f64, ahead: &mut Vec<f64>) -> f64 {
-        let blocks =
-            self.sampled.iter().flat_map(|own| own.controller.blocks().map(move |one| (own.origin, one)));
+        if self.sampled.is_none() {
+            return self.next_other(t);
+        }
         let mut first = f64::INFINITY;
-        for (k, block) in std::iter::once(None).chain(blocks.map(Some)).enumerate() {
+        for (k, block) in std::iter::once(None).chain(self.blocks().map(Some)).enumerate() {
             if ahead.len() <= k {
                 ahead.push(f64::NEG_INFINITY);
             }
@@ -282,6 +283,11 @@ impl Inputs {
             first = first.min(ahead[k]);
         }
         first
+    }
+
+    /// The blocks of the discrete controller, with the instant from which their samples count.
+    fn blocks(&self) -> impl Iterator<Item = (f64, &SampledController)> {
+        self.sampled.iter().flat_map(|own| own.controller.blocks().map(move |one| (own.origin, one)))
     }
 
     /// The first breakpoint after `t` of all but a discrete controller.
