@@ -18,9 +18,10 @@ pub(super) type Vector7 = SVector<f64, UNKNOWNS>;
 
 /// A state in which all forces balance.
 #[derive(Debug, Clone, Copy)]
-#[allow(missing_docs)] // of fields that their types explain
 pub struct Rest {
+    /// The unknowns.
     pub z: Unknowns,
+    /// The rows and their derivatives there.
     pub rows: Rows,
 }
 

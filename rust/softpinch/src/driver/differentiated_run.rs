@@ -224,9 +224,9 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
     /// the derivatives with and without a shift is exact.
     #[inline(always)]
     fn shift(&self, time: f64, input: &Input<RunDual<R>>, place: &mut Place<'_, R>) {
-        let (mut moved, mut shifted) = (*input, place.clone());
+        let (mut moved, without, own) = (*input, self.rates(input, place), place.drive.frame.clone());
         let Input { target, target_acceleration, force, .. } = &mut moved;
-        let frame = shifted.drive.frame.iter_mut().flat_map(|frame| frame.constants());
+        let frame = place.drive.frame.iter_mut().flat_map(|frame| frame.constants());
         let all = target.iter_mut().chain(target_acceleration).chain(force).chain(frame);
         for (c, number) in all.enumerate() {
             let here = |one: &Direction| {
@@ -234,7 +234,8 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             };
             *number = *number + self.varied(0.0, here);
         }
-        let (with, without) = (self.rates(&moved, &shifted), self.rates(input, place));
+        let with = self.rates(&moved, place);
+        place.drive.frame = own;
         for n in 0..MAX_COMPONENTS {
             place.y[n] = place.y[n] + (with[n] - without[n]);
         }

@@ -189,9 +189,10 @@ impl Simulator {
 
 /// What is seen of a run at the end of a period.
 #[derive(Debug, Clone, PartialEq)]
-#[allow(missing_docs)] // of fields that their types explain
 pub struct Observed {
+    /// Time, s.
     pub t: f64,
+    /// The motion.
     pub motion: Motion<f64>,
     /// Multipliers under the inputs of the period.
     pub multipliers: [f64; 4],

@@ -5,10 +5,12 @@ use crate::number::{Lanes, Real};
 
 /// A state in the nine coordinates. Every formulation is recorded in this form.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[allow(missing_docs)] // of coordinates, rates and the controllers' memories
 pub struct Motion<R> {
+    /// Coordinates.
     pub q: Coordinates<R>,
+    /// Velocities.
     pub p: Coordinates<R>,
+    /// The controllers' memories.
     pub memory: [R; 2],
     /// The states of Maxwell branches of the tips (`contact/law/relaxation.rs`), N and m.
     pub relaxation: [R; RELAXATIONS],

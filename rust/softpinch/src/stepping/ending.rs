@@ -10,18 +10,25 @@ use crate::stepping::{Instant, Loss, MOST_EVENTS, Reason, STOP_ON, VIOLATIONS, V
 
 named! {
     /// How a run ended.
-    #[allow(missing_docs)] // of the violations at which it was to end
     Status;
     STATUSES = {
         /// The run reached its end.
         Completed = "completed",
+        /// A tip left the object.
         Separated = "separated",
+        /// A tip was pressed flat.
         Crushed = "crushed",
+        /// A tip was tilted by 90 degrees.
         Folded = "folded",
+        /// A tip pulled, and the run was to end there.
         Pulling = "pulling",
+        /// A tip needed more friction than there is, and the run was to end there.
         Slipping = "slipping",
+        /// A contact reached the rim of its tip, and the run was to end there.
         Rim = "rim",
+        /// A contact left its face, and the run was to end there.
         OffFace = "off_face",
+        /// A tip opened, and the run was to end there.
         Opened = "opened",
         /// Unilateral contact: a contact left its face, or the object is beside neither tip.
         Lost = "lost",

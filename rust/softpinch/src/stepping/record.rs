@@ -163,8 +163,8 @@ impl Recording {
 
 /// A finished run.
 #[derive(Debug, Clone)]
-#[allow(missing_docs)] // of fields that their types explain
 pub struct Run {
+    /// The rows, if the run was recorded.
     pub recording: Recording,
     /// The last instant, whether or not it was recorded.
     pub last: Instant,
@@ -174,6 +174,7 @@ pub struct Run {
     pub initial_energies: Option<Energies>,
     /// Number of states of Maxwell branches.
     pub branches: usize,
+    /// The status with which it ended.
     pub status: Status,
     /// The status in words, with the numbers; empty if a run that is not recorded has reached its end.
     pub message: String,
