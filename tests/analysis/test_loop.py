@@ -1,10 +1,12 @@
 """`loop`: beside linear loops that are followed instant by instant, and beside runs."""
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import softpinch as sp
@@ -42,6 +44,12 @@ def by_steps(scene: sp.Scene, found: sp.Loop, periods: int) -> float:
     inside = []
     generator = np.zeros((len(x) + 2, len(x) + 2))
     generator[: len(x)] = np.hstack([model.A, model.B])
+
+    @cache
+    def transition(femtoseconds: int) -> NDArray[np.float64]:
+        """The intervals of one period come again in the next, but for round-off."""
+        return np.array(expm(generator * (1e-15 * femtoseconds)))[: len(x)]
+
     for t, until in zip(whole, [*whole[1:], end], strict=True):
         if np.abs(ends - t).min() < SAME:
             inside.append(np.hstack([x, *[n for b in blocks for n in (b.xi, b.force)]]))
@@ -50,7 +58,7 @@ def by_steps(scene: sp.Scene, found: sp.Loop, periods: int) -> float:
         for block in blocks:
             block.at(t, q, p, target, np.zeros(2))
             target = block.force
-        x = (expm(generator * (until - t)) @ np.hstack([x, target]))[: len(x)]
+        x = transition(round(1e15 * (until - t))) @ np.hstack([x, target])
     # In the end a few modes are left: s_k = a_1 s_(k-1) + ... + a_6 s_(k-6).
     late = inside[len(inside) // 3 :]
     rows = [[s / np.linalg.norm(late[k]) for s in late[k : k + 7]] for k in range(len(late) - 6)]
