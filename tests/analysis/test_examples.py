@@ -106,19 +106,22 @@ def test_the_softest_tip_holds_as_often_as_it_should(tmp_path: Path) -> None:
     assert shares[0] == min(shares)
 
 
-def test_a_move_is_as_long_as_it_has_to_be(tmp_path: Path) -> None:
+# Fewer draws tell whether 99 % hold than whether 99.9 % do.
+@pytest.mark.parametrize("percent", [99.0, pytest.param(99.9, marks=pytest.mark.slow)])
+def test_a_move_is_as_long_as_it_has_to_be(percent: float, tmp_path: Path) -> None:
     """By draws that the search has not seen, with half the step."""
-    printed = run_example("13_carried_by_an_arm.py", tmp_path, "--quick")
+    fewer = {"SHARE = 0.999": "SHARE = 0.99", "4_000 if": "800 if"} if percent < 99.9 else None
+    printed = run_example("13_carried_by_an_arm.py", tmp_path, "--quick", changes=fewer)
     peak, known = map(float, re.findall(r"fastest move: ([\d.]+) m/s\^2.*: ([\d.]+) s", printed)[0])
     # The peak of a move by minimum jerk over 0.5 m.
     assert peak == pytest.approx(10.0 / 3.0**0.5 * 0.5 / known**2, rel=0.01)
     safe, soonest, latest = map(
-        float, re.findall(r"99.9 %: ([\d.]+) s, .* ([\d.]+) to ([\d.]+) s", printed)[0]
+        float, re.findall(rf"{percent:g} %: ([\d.]+) s, .* ([\d.]+) to ([\d.]+) s", printed)[0]
     )
     assert known < 0.2 < soonest <= safe <= latest < 0.36
     (others,) = re.findall(r"half the step: ([\d.]+) \(95 %: ([\d.]+) to ([\d.]+)\)", printed)
     share, low, high = map(float, others)
-    assert low <= 0.999 <= high and 0.99 < share < 1.0
+    assert low <= percent / 100.0 <= high and 0.99 * percent < 100.0 * share < 100.0
     shares = dict(re.findall(r"^  (\S+) +share +([\d.]+)", printed, re.MULTILINE))
     assert max(shares, key=lambda path: float(shares[path])) == "motion.times.1"
 

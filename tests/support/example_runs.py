@@ -7,14 +7,15 @@ import runpy
 import subprocess
 import sys
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-# An example's step and a longer one for tests, which need not compute its thousands of runs with
+# What an example says and what it says in tests, which need not compute its thousands of runs with
 # its accuracy.
-STEPS = {"04_a_study_that_is_kept.py": ("dt=2e-4", "dt=1e-3")}
+CHANGES = {"04_a_study_that_is_kept.py": {"dt=2e-4": "dt=1e-3"}}
 
 
 def run(script: Path, folder: Path, *arguments: str, apart: bool = False) -> str:
@@ -39,16 +40,19 @@ def run(script: Path, folder: Path, *arguments: str, apart: bool = False) -> str
     return printed.getvalue()
 
 
-def run_example(script: str, folder: Path, *options: str) -> str:
+def run_example(
+    script: str, folder: Path, *options: str, changes: Mapping[str, str] | None = None
+) -> str:
     """The output of an example, which must neither fail nor warn, and save its picture."""
     picture = folder / "picture.png"
     file = EXAMPLES / script
-    if script in STEPS:
-        of_example, of_test = STEPS[script]
+    if changes := changes or CHANGES.get(script):
         text = file.read_text(encoding="utf-8")
-        assert of_example in text
+        for of_example, of_test in changes.items():
+            assert of_example in text
+            text = text.replace(of_example, of_test)
         file = folder / script
-        file.write_text(text.replace(of_example, of_test), encoding="utf-8")
+        file.write_text(text, encoding="utf-8")
     printed = run(file, folder, str(picture), *options)
     assert picture.stat().st_size > 1000
     return printed
