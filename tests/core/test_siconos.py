@@ -107,7 +107,14 @@ def lasting(changes: list[tuple[float, int]], shortest: float) -> list[tuple[flo
     return kept
 
 
-@pytest.mark.parametrize("name", SCENES)
+# The other four stick, slip, open, meet and stop, and one of them has jaws.
+MORE = ("sticks", "turns and slips, heavy tips", "opens on both sides in turn, heavy tips")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow) if name in MORE else name for name in SCENES],
+)
 def test_siconos_converges_to_the_run(name: str) -> None:
     scene = SCENES[name]
     run = sp.simulate(scene, dt=2e-5, record=("state", "contact"), stop_on=())

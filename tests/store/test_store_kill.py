@@ -121,7 +121,14 @@ def attempt(path: Path, sent: signal.Signals, blocks: int, wait: float) -> str:
     return said.rstrip().rpartition("\n")[2]
 
 
-@pytest.mark.parametrize(("sent", "times"), [(signal.SIGKILL, 5), (signal.SIGINT, 3)])
+@pytest.mark.parametrize(
+    ("sent", "times"),
+    [
+        (signal.SIGKILL, 3),
+        pytest.param(signal.SIGKILL, 5, marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, 3, marks=pytest.mark.slow),
+    ],
+)
 def test_a_study_that_is_ended_again_and_again_comes_to_the_same_table(
     sent: signal.Signals, times: int, tmp_path: Path
 ) -> None:

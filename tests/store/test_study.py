@@ -358,6 +358,7 @@ def test_a_study_whose_folder_is_gone_says_so(tmp_path: Path) -> None:
     assert not study.path.exists()
 
 
+@pytest.mark.slow
 def test_parts_that_are_as_large_as_they_become_are_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,7 +51,7 @@ def test_the_kinds_of_studies_say_something(kind: str) -> None:
         assert BLOCK < some.runs < RUNS - BLOCK
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(
     kind=st.sampled_from(sorted(KINDS)),
     seed=st.integers(0, 2**32),

@@ -224,7 +224,11 @@ def driver(context: str, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no process groups")
-@pytest.mark.parametrize("context", CONTEXTS)
+# Processes that are forked are interrupted in the tests above and below.
+@pytest.mark.parametrize(
+    "context",
+    [pytest.param(name, marks=pytest.mark.slow) if name == "fork" else name for name in CONTEXTS],
+)
 def test_ctrl_c_at_a_terminal_stops_workers_in_the_middle_of_long_blocks(
     context: str, tmp_path: Path
 ) -> None:

@@ -40,7 +40,11 @@ def test_an_additive_linear_model(kind: str, n: int, within: float) -> None:
 
 @pytest.mark.parametrize(
     ("n", "within"),
-    [(2000, 0.05), (20_000, 0.02), pytest.param(100_000, 0.01, marks=pytest.mark.slow)],
+    [
+        (2000, 0.05),
+        pytest.param(20_000, 0.02, marks=pytest.mark.slow),
+        pytest.param(100_000, 0.01, marks=pytest.mark.slow),
+    ],
 )
 def test_the_ishigami_function(n: int, within: float) -> None:
     x = draws(n, "abc")
