@@ -11,8 +11,10 @@ centre of mass of each body.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from math import inf, pi
-from typing import Any
+from types import FunctionType
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -94,109 +96,183 @@ def turned(angle: Any, x: Any, y: Any) -> Any:
     return x * along + y * turn(along)
 
 
+class Contact(NamedTuple):
+    """One finger, its tip and its side in symbols, as `PartsModel` describes them."""
+
+    center: Any
+    base: Any
+    inertia: Any
+    potential: Any
+    outward: Any
+    distance: Any
+    softer: Any
+    radius: Any
+    kappa: Any
+    factor: Any
+    gains: tuple[Any, ...]
+    friction: tuple[Any, ...]
+    masses: tuple[Any, ...]
+    viscosities: tuple[Any, ...]
+
+
+U = sp.symbols("x y theta z1 z2", real=True)
+V = sp.symbols("vx vy omega w1 w2", real=True)
+TARGET = sp.symbols("target1 target2", real=True)
+EXTERNAL = sp.symbols("force_x force_y moment", real=True)
+# Of a hand that moves: its acceleration along fixed axes, tilt, and two rates of the tilt.
+FRAME = sp.symbols("frame_x frame_y tilt turn spin", real=True)
+LAWS = [f"law{i}_{k}" for i in range(2) for k in range(4)]
+
+
+def rate(expression: Any) -> Any:
+    return sum(sp.diff(expression, x) * w for x, w in zip(U, V, strict=True))
+
+
+@cache
+def equations(
+    mass: tuple[Any, ...],
+    g: Any,
+    contacts: tuple[Contact, ...],
+    bodies: tuple[Any, ...],
+    numbers: tuple[Any, ...],
+) -> tuple[FunctionType, FunctionType]:
+    """The functions `motion` and `rest` of a model, but for the laws that they call.
+
+    To derive them takes longer than to integrate them, and hands of the same kinds share them.
+
+    Args:
+        mass: Of the object, twice, and its moment of inertia.
+        g: Gravity.
+        contacts: Right and left.
+        bodies: What `PartsModel.bodies` returns of a hand that moves, else nothing.
+        numbers: All symbols of numbers.
+    """
+    dn, dt = (sp.symbols(f"{name}1 {name}2", real=True) for name in ("dn", "dt"))
+    integral = sp.symbols("integral1 integral2", real=True)
+    frame = FRAME if bodies else ()
+    place = sp.Matrix(U[:2])
+    all_mass = [*mass, *(contact.inertia for contact in contacts)]
+    weight, elastic = mass[0] * g * U[1], sp.Integer(0)
+    rows, shear_rows, depths, torques = [], [], [], []
+    for i, (s, contact) in enumerate(zip(SIGNS, contacts, strict=True)):
+        center, base, outward = contact.center, contact.base, contact.outward
+        weight += contact.potential * g
+        # The distance is the radius less the compression.
+        depths.append(contact.radius - contact.distance)
+        rows.append(sp.Matrix([contact.distance]).jacobian(U))
+        foot = center - outward * contact.distance
+        of_object = sp.Matrix(V[:2]) + V[2] * turn(foot - place)
+        of_tip = center.applyfunc(rate) - s * rate(base) * turn(foot - center)
+        along = turn(-s * outward)
+        shear_rows.append(sp.Matrix([along.dot(of_object - of_tip)]).jacobian(V))
+        # How far the side is turned from the base of the tip.
+        normal = -s * outward
+        tilt = base + s * sp.atan(normal[1] / normal[0])
+        law = derivatives(f"law{i}")
+        elastic += contact.softer * (
+            law[0](dn[i]) / sp.cos(tilt) ** 2
+            + contact.kappa * law[1](dn[i]) * dt[i] * sp.tan(tilt)
+            + contact.factor * law[2](dn[i]) * dt[i] ** 2 / 2
+        )
+        gains, z, w = contact.gains, U[3 + i], V[3 + i]
+        torques.append(-gains[0] * (z - TARGET[i]) - gains[1] * w - gains[2] * integral[i])
+        if contact.friction:
+            most, creep = contact.friction
+            torques[i] -= most * w / sp.sqrt(w**2 + creep**2)
+    mass_d = [contact.masses[k] for k in range(2) for contact in contacts]
+    viscous = [contact.viscosities[k] for k in range(2) for contact in contacts]
+    phi = sp.Matrix.vstack(*rows, *shear_rows)
+    bias = phi.applyfunc(rate) * sp.Matrix(V)
+    rates_d = -phi * sp.Matrix(V)
+    d = (*dn, *dt)
+    force_d = sp.Matrix([
+        -sp.diff(elastic, x) - c * r for x, c, r in zip(d, viscous, rates_d, strict=True)
+    ])  # fmt: skip
+    fields = sp.Matrix([sp.diff(-weight, x) for x in U])
+    pushed = sp.Matrix(EXTERNAL[:2])
+    if frame:
+        pushed = turned(-frame[2], *pushed)
+        gravity = turned(-frame[2], frame[0], frame[1] + g)
+        fields = sp.zeros(5, 1)
+        for own, at, inertia, angle in bodies:
+            # The acceleration of the body's centre beside that which its coordinates have.
+            away = gravity + frame[4] * turn(at) + 2 * frame[3] * turn(at.applyfunc(rate))
+            away -= frame[3] ** 2 * at
+            fields -= own * at.jacobian(U).T * away
+            fields -= inertia * frame[4] * sp.Matrix([sp.diff(angle, x) for x in U])
+    force = sp.Matrix([*pushed, EXTERNAL[2], *torques]) + fields
+    force -= sp.Matrix([sp.diff(elastic, x) for x in U])
+    of_d = sp.diag(*mass_d)
+    matrix = sp.diag(*all_mass) + phi.T * of_d * phi
+    right = force - phi.T * (force_d + of_d * bias)
+    pressed = dict(zip(dn, depths, strict=True))
+    acceleration = sp.symbols("acceleration1:6", real=True)
+    multipliers = -of_d * (phi * sp.Matrix(acceleration) + bias) - force_d
+    given = ((*U, *dt, *integral, *V), (*TARGET, *EXTERNAL, *frame), numbers)
+    motion = [entry.xreplace(pressed) for entry in (*matrix, *right, *rates_d[2:, 0])]
+    rest = [entry.xreplace(pressed) for entry in (*depths, *rates_d, *multipliers)]
+    return _compiled(given, motion), _compiled((*given, acceleration), rest)
+
+
+def _compiled(arguments: tuple[Any, ...], values: list[Any]) -> FunctionType:
+    # To put terms in order takes longer than the rest.
+    found = sp.cse(values, order="none", list=True)
+    modules = [dict.fromkeys(LAWS, float), "math"]
+    function: FunctionType = sp.lambdify(
+        arguments, found[1], modules=modules, cse=lambda _: found, docstring_limit=0
+    )
+    return function
+
+
 class PartsModel:
     """The equations of a scene, and their integration."""
 
     def __init__(self, scene: Scene) -> None:
         self.values: dict[Any, float] = {}
-        self.laws: dict[str, Law] = {}
-        self.pids = scene.control if isinstance(scene.control, tuple) else (scene.control,) * 2
-        u = self.u = sp.symbols("x y theta z1 z2", real=True)
-        v = self.v = sp.symbols("vx vy omega w1 w2", real=True)
-        dn, dt = (sp.symbols(f"{name}1 {name}2", real=True) for name in ("dn", "dt"))
-        target = sp.symbols("target1 target2", real=True)
-        integral = sp.symbols("integral1 integral2", real=True)
-        external = sp.symbols("force_x force_y moment", real=True)
-        # Of a hand that moves: its acceleration along fixed axes, tilt, and two rates of the tilt.
-        frame = sp.symbols("frame_x frame_y tilt turn spin", real=True)[: 5 * bool(scene.motion)]
-
-        def rate(expression: Any) -> Any:
-            return sum(sp.diff(expression, x) * w for x, w in zip(u, v, strict=True))
-
         grasped, g = scene.grasped, self.number(scene.gravity)
-        place = sp.Matrix(u[:2])
-        mass = [*[self.number(grasped.mass)] * 2, self.number(grasped.inertia)]
-        weight, elastic = mass[0] * g * u[1], sp.Integer(0)
-        rows, shear_rows, depths, mass_d, viscous, torques = [], [], [], [], [], []
-        for i, s in enumerate(SIGNS):
-            tip = scene.hand.tips[i]
-            center, base, inertia, potential = self.mechanism(scene, i)
-            mass.append(inertia)
-            weight += potential * g
-            outward, distance, softer = self.side(scene, i, place, center)
-            # The distance is the radius less the compression.
-            depth = self.number(tip.radius) - distance
-            depths.append(depth)
-            rows.append(sp.Matrix([distance]).jacobian(u))
-            foot = center - outward * distance
-            of_object = sp.Matrix(v[:2]) + v[2] * turn(foot - place)
-            of_tip = center.applyfunc(rate) - s * rate(base) * turn(foot - center)
-            along = turn(-s * outward)
-            shear_rows.append(sp.Matrix([along.dot(of_object - of_tip)]).jacobian(v))
-            # How far the side is turned from the base of the tip.
-            normal = -s * outward
-            tilt = base + s * sp.atan(normal[1] / normal[0])
-            law = derivatives(f"law{i}")
-            self.laws |= dict(zip((f"law{i}_{k}" for k in range(4)), law_of(tip), strict=True))
-            kappa = self.number(tip.tilt_coupling)
-            factor = self.number(getattr(tip.law, "shear_factor", 1.0))
-            elastic += softer * (
-                law[0](dn[i]) / sp.cos(tilt) ** 2
-                + kappa * law[1](dn[i]) * dt[i] * sp.tan(tilt)
-                + factor * law[2](dn[i]) * dt[i] ** 2 / 2
-            )
-            pid = self.pids[i]
-            assert isinstance(pid, Pid)
-            gains = [self.number(gain) for gain in (pid.kp, pid.kd, pid.ki)]
-            z, w = u[3 + i], v[3 + i]
-            torques.append(-gains[0] * (z - target[i]) - gains[1] * w - gains[2] * integral[i])
-            finger = (scene.hand.right, scene.hand.left)[i]
-            if finger.joint_friction is not None:
-                most = self.number(finger.joint_friction)
-                creep = self.number(0.01 if finger.creep_rate is None else finger.creep_rate)
-                torques[i] -= most * w / sp.sqrt(w**2 + creep**2)
-        for normal_mass in (True, False):
-            for tip in scene.hand.tips:
-                own = tip.normal_mass if normal_mass else tip.tangential_mass
-                damping = tip.normal_viscosity if normal_mass else tip.tangential_viscosity
-                mass_d.append(self.number(grasped.mass if own is None else own))
-                viscous.append(self.number(damping))
-        phi = sp.Matrix.vstack(*rows, *shear_rows)
-        bias = phi.applyfunc(rate) * sp.Matrix(v)
-        rates_d = -phi * sp.Matrix(v)
-        d = (*dn, *dt)
-        force_d = sp.Matrix([
-            -sp.diff(elastic, x) - c * r for x, c, r in zip(d, viscous, rates_d, strict=True)
-        ])  # fmt: skip
-        bodies = sp.Matrix([sp.diff(-weight, x) for x in u])
-        pushed = sp.Matrix(external[:2])
-        if frame:
-            pushed = turned(-frame[2], *pushed)
-            fields = turned(-frame[2], frame[0], frame[1] + g)
-            bodies = sp.zeros(5, 1)
-            for own, at, inertia, angle in self.bodies(scene, place):
-                # The acceleration of the body's centre beside that which its coordinates have.
-                away = fields + frame[4] * turn(at) + 2 * frame[3] * turn(at.applyfunc(rate))
-                away -= frame[3] ** 2 * at
-                bodies -= own * at.jacobian(u).T * away
-                bodies -= inertia * frame[4] * sp.Matrix([sp.diff(angle, x) for x in u])
-        force = sp.Matrix([*pushed, external[2], *torques]) + bodies
-        force -= sp.Matrix([sp.diff(elastic, x) for x in u])
-        of_d = sp.diag(*mass_d)
-        matrix = sp.diag(*mass) + phi.T * of_d * phi
-        right = force - phi.T * (force_d + of_d * bias)
-        pressed = dict(zip(dn, depths, strict=True))
-        acceleration = sp.symbols("acceleration1:6", real=True)
-        multipliers = -of_d * (phi * sp.Matrix(acceleration) + bias) - force_d
-        state = (*u, *dt, *integral, *v)
-        self.asked = len(target) + len(external) + len(frame)
-        given = (state, (*target, *external, *frame), tuple(self.values))
-        motion = [entry.xreplace(pressed) for entry in (*matrix, *right, *rates_d[2:, 0])]
-        rest = [entry.xreplace(pressed) for entry in (*depths, *rates_d, *multipliers)]
-        modules = [self.laws, "math"]
-        self.motion = sp.lambdify(given, motion, modules=modules, cse=True, docstring_limit=0)
-        self.rest = sp.lambdify(
-            (*given, acceleration), rest, modules=modules, cse=True, docstring_limit=0
+        place = sp.Matrix(U[:2])
+        mass = (*[self.number(grasped.mass)] * 2, self.number(grasped.inertia))
+        contacts = tuple(self.contact(scene, i, place) for i in range(2))
+        # Of matrices only those that cannot change have a hash.
+        bodies = tuple(
+            (own, at.as_immutable(), inertia, angle)
+            for own, at, inertia, angle in (self.bodies(scene, place) if scene.motion else ())
+        )
+        self.asked = len(TARGET) + len(EXTERNAL) + len(FRAME) * bool(bodies)
+        found = [law for tip in scene.hand.tips for law in law_of(tip)]
+        laws = dict(zip(LAWS, found, strict=True))
+        self.motion, self.rest = (
+            FunctionType(made.__code__, made.__globals__ | laws)
+            for made in equations(mass, g, contacts, bodies, tuple(self.values))
+        )
+
+    def contact(self, scene: Scene, i: int, place: Any) -> Contact:
+        tip, finger = scene.hand.tips[i], (scene.hand.right, scene.hand.left)[i]
+        center, base, inertia, potential = self.mechanism(scene, i)
+        outward, distance, softer = self.side(scene, i, place, center)
+        pid = scene.control[i] if isinstance(scene.control, tuple) else scene.control
+        assert isinstance(pid, Pid)
+        friction: tuple[Any, ...] = ()
+        if finger.joint_friction is not None:
+            creep = 0.01 if finger.creep_rate is None else finger.creep_rate
+            friction = (self.number(finger.joint_friction), self.number(creep))
+        heavy = scene.grasped.mass
+        own = [heavy if m is None else m for m in (tip.normal_mass, tip.tangential_mass)]
+        return Contact(
+            center=center.as_immutable(),
+            base=base,
+            inertia=inertia,
+            potential=potential,
+            outward=outward.as_immutable(),
+            distance=distance,
+            softer=softer,
+            radius=self.number(tip.radius),
+            kappa=self.number(tip.tilt_coupling),
+            factor=self.number(getattr(tip.law, "shear_factor", 1.0)),
+            gains=tuple(self.number(gain) for gain in (pid.kp, pid.kd, pid.ki)),
+            friction=friction,
+            masses=tuple(map(self.number, own)),
+            viscosities=tuple(map(self.number, (tip.normal_viscosity, tip.tangential_viscosity))),
         )
 
     def number(self, value: float) -> Any:
@@ -208,9 +284,9 @@ class PartsModel:
     def bodies(self, scene: Scene, place: Any) -> list[tuple[Any, Any, Any, Any]]:
         """Mass, centre, moment of inertia about it and angle of each body, in the hand's frame."""
         grasped = scene.grasped
-        found = [(self.number(grasped.mass), place, self.number(grasped.inertia), self.u[2])]
+        found = [(self.number(grasped.mass), place, self.number(grasped.inertia), U[2])]
         for i, finger in enumerate((scene.hand.right, scene.hand.left)):
-            s, z, mass = SIGNS[i], self.u[3 + i], self.number(finger.mass)
+            s, z, mass = SIGNS[i], U[3 + i], self.number(finger.mass)
             if isinstance(finger, Jaw):
                 found.append((mass, self.mechanism(scene, i)[0], sp.Integer(0), z))
                 continue
@@ -223,7 +299,7 @@ class PartsModel:
 
     def mechanism(self, scene: Scene, i: int) -> tuple[Any, Any, Any, Any]:
         """Centre and tilt of the tip's base, inertia in the coordinate, and weight over g."""
-        s, z = SIGNS[i], self.u[3 + i]
+        s, z = SIGNS[i], U[3 + i]
         finger = (scene.hand.right, scene.hand.left)[i]
         offset, thick, mass = map(
             self.number, (finger.root_offset, finger.half_thickness, finger.mass)
@@ -243,7 +319,7 @@ class PartsModel:
 
     def side(self, scene: Scene, i: int, place: Any, center: Any) -> tuple[Any, Any, Any]:
         """The side's outward normal and distance at the tip's centre, and how soft it makes it."""
-        s, theta, grasped = SIGNS[i], self.u[2], scene.grasped
+        s, theta, grasped = SIGNS[i], U[2], scene.grasped
         side = (grasped.right, grasped.left)[i]
 
         if isinstance(side, Arc):
