@@ -25,9 +25,11 @@ NEEDED = ("sphinx", "furo", "myst_parser", "sphinx_gallery", "sphinx_copybutton"
 
 
 # Reads all pages and writes some: to write all would take as long again. The search, which would
-# lack the others, is left out. Then it resolves the references of all; every warning is an error.
+# lack the others, is left out, and so is Python's search for memory that it could free. Then it
+# resolves the references of all; every warning is an error.
 BUILD = """
-import sys
+import gc, sys
+gc.disable()
 from sphinx.application import Sphinx
 app = Sphinx("docs", "docs", "site", "read", "html", {"plot_gallery": "0"}, None, sys.stderr, True)
 app.builder.search = False

@@ -30,7 +30,7 @@ def simulated(scene: sp.Scene, **options: Any) -> sp.Run:
     return sp.simulate(scene, record=EVERYTHING, **options)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(grasps(duration=0.04), st.sampled_from(FIXED + ADAPTIVE), st.booleans())
 def test_contact_forces_gaps_and_the_ledger_are_legal_along_any_run(
     scene: sp.Scene, how: tuple[str, dict[str, float]], projected: bool
@@ -88,7 +88,7 @@ BOUNCING = sp.Scene(
 )
 
 
-@settings(max_examples=40, **UNHURRIED)
+@settings(max_examples=20, **UNHURRIED)
 @given(grasps())
 @example(BOUNCING)
 def test_the_mirror_image_runs_the_mirror_image(scene: sp.Scene) -> None:

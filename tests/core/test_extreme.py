@@ -31,7 +31,7 @@ def ends_well(scene: sp.Scene, **options: Any) -> None:
     assert all(np.isfinite(list(run.violations.values())))
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(st.data())
 def test_parameters_at_the_ends_of_the_number_range_end_in_a_status(data: st.DataObject) -> None:
     scene = wild_scene(data.draw, wilder)

@@ -96,7 +96,7 @@ def test_an_energy_that_was_not_asked_for_ends_no_run() -> None:
         assert ledger.status == "not_finite", method
 
 
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(st.data())
 def test_all_results_of_a_completed_run_are_finite(data: st.DataObject) -> None:
     scene = wild_scene(data.draw, st.floats(-160.0, 160.0))

@@ -30,14 +30,10 @@ def require_equal(scene: sp.Scene, exact: Reference, formulation: str, within: f
         assert np.abs(found - true).max() < within * np.abs(true).max(), name
 
 
-# These three have each kind of mechanism, side and law; the others take longer than they tell.
-BRIEF = ("parallelogram_box", "jaw_cylinder", "rotary_box_power")
-
-
-@pytest.mark.parametrize(
-    "name",
-    [name if name in BRIEF else pytest.param(name, marks=pytest.mark.slow) for name in FACTS],
-)
+# Runs are compared with either in quick tests: with this one below, with the other one in
+# tests/scene/test_parts.py.
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FACTS)
 def test_two_independent_programs_agree(name: str) -> None:
     scene, fact = scene_of(name), FACTS[name]
     exact = parts_reference(scene, [0.0, scene.duration])
@@ -45,7 +41,14 @@ def test_two_independent_programs_agree(name: str) -> None:
     assert np.abs(exact.p[-1] - np.array(fact["p"], float)).max() < 1e-12
 
 
-@pytest.mark.parametrize("name", SCENES)
+# The other scenes have each mechanism, side and law at rest; all are carried below.
+MORE = ("jaws and a box", "jaws and a wedge", "links and a bottle")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow) if name in MORE else name for name in SCENES],
+)
 def test_every_kind_moves_as_its_geometry_says(name: str) -> None:
     scene = replace(SCENES[name], disturbances=[BLOW], duration=0.06)
     exact = parts_reference(scene, np.linspace(0.0, scene.duration, 11))

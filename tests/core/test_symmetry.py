@@ -51,7 +51,7 @@ def test_mirror_images_mirror_to_round_off(scene: sp.Scene, method: str, formula
     assert np.abs(difference).max() <= 1e-9 * force
 
 
-@settings(max_examples=90)
+@settings(max_examples=45)
 @given(st.one_of(scenes(), grasps()), formulations, exponents, exponents, exponents)
 def test_powers_of_two_of_length_mass_and_time_scale_a_run_to_the_bit(
     scene: sp.Scene, formulation: str, length: int, mass: int, time: int

@@ -114,7 +114,7 @@ def beside(
     return theirs, dict(ours)
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(
     scenes,
     states(),

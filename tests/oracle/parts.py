@@ -363,9 +363,11 @@ class PartsModel:
         return q, np.array([*y[9:], *found[2:6]]), np.array(found[6:]), state[7:9].copy()
 
 
-def reference_of(scene: Scene, times: ArrayLike, method: str = "DOP853") -> Reference:
+def reference_of(
+    scene: Scene, times: ArrayLike, method: str = "DOP853", rtol: float = 1e-12
+) -> Reference:
     """The reference of a scene with any parts, whichever derivation has it."""
-    return (parts_reference if others(scene) else reference)(scene, times, method=method)
+    return (parts_reference if others(scene) else reference)(scene, times, method=method, rtol=rtol)
 
 
 def parts_reference(

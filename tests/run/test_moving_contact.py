@@ -112,7 +112,14 @@ def follows(
     return run
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name",
+    # Another one moves and turns.
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name == "translation" else name
+        for name in SCENES
+    ],
+)
 def test_tips_slip_open_and_collide_as_in_inertial_coordinates(name: str) -> None:
     scene = SCENES[name]
     run = follows(scene, expected(name), METHODS[1], 1e-10, 1e-12)
@@ -134,7 +141,12 @@ def test_other_steps_and_formulations_move_as_in_inertial_coordinates(
 
 
 # Kinds and seeds of `grasp`, and the tilts that the motion begins and ends with.
-OTHER_PARTS = [("jaw", 14, 0.5), ("parallelogram", 44, -0.4), ("mixed", 28, 0.5), ("jaw", 20, 0.0)]
+OTHER_PARTS = [
+    ("parallelogram", 44, -0.4),
+    ("mixed", 28, 0.5),
+    ("jaw", 20, 0.0),
+    pytest.param("jaw", 14, 0.5, marks=pytest.mark.slow),
+]
 
 
 @pytest.mark.parametrize(("kind", "seed", "tilt"), OTHER_PARTS)

@@ -79,7 +79,9 @@ def expected(name: str) -> Reference:
         return carried(scene, np.linspace(0.0, scene.duration, 101))
     # Where rates die out in 1e-7 s, SciPy's explicit method takes 300 000 evaluations.
     method = "Radau" if name in STIFF else "DOP853"
-    return reference_of(scene, np.linspace(0.0, scene.duration, 101), method=method)
+    # Runs are compared to 2e-5 at most.
+    times = np.linspace(0.0, scene.duration, 101)
+    return reference_of(scene, times, method=method, rtol=1e-10)
 
 
 def simulate(case: stress.StressCase, pair: tuple[str, str], **how: Any) -> sp.Run:
@@ -239,7 +241,7 @@ CHAOTIC = sp.Scene(
 )
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(
     strategies.scenes(duration=0.05, spread=2.0),
     st.sampled_from(_core.FORMULATIONS),

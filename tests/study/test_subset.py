@@ -94,7 +94,7 @@ def test_intervals_of_a_curved_event_cover() -> None:
     assert np.median([one.end(1.0) / one.end(-1.0) for one in found]) < 2.2
 
 
-@pytest.mark.parametrize("runs", [1000, 3000])
+@pytest.mark.parametrize("runs", [1000, pytest.param(3000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("method", ["subset", "importance"])
 def test_few_runs_with_two_ways_cover(method: str, runs: int) -> None:
     probability = 2.0 * BELOW(-3.29)

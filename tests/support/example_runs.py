@@ -15,7 +15,7 @@ import pytest
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # What an example says and what it says in tests, which need not compute its thousands of runs with
 # its accuracy.
-CHANGES = {"04_a_study_that_is_kept.py": {"dt=2e-4": "dt=1e-3"}}
+CHANGES = {"04_a_study_that_is_kept.py": {"dt=2e-4": "dt=1e-3", "RUNS = 8000": "RUNS = 4000"}}
 
 
 def run(script: Path, folder: Path, *arguments: str, apart: bool = False) -> str:
