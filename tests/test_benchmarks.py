@@ -18,8 +18,12 @@ SCRIPTS = sorted(
     for path in (ROOT / "benchmarks").glob("*.py")
     if "__main__" in path.read_text("utf-8")
 )
+# Their quick look takes as long as that of all others: JAX compiles, processes start, ladders of
+# settings are searched.
+LONG = ("ensemble.py", "integrators.py", "reference.py", "reports.py", "scale.py")
+SHORT = tuple(script for script in SCRIPTS if script not in LONG)
 # Each has a process of its own.
-GROUPS = [tuple(SCRIPTS[k : k + 5]) for k in range(0, len(SCRIPTS), 5)]
+GROUPS = [SHORT[:8], SHORT[8:], pytest.param(LONG, marks=pytest.mark.slow)]
 
 # Runs scripts with an option, and prints a line with its name before each. The clocks run each work
 # once: no test depends on timings.
@@ -95,7 +99,7 @@ def test_help_says_what_a_benchmark_measures_and_measures_nothing(script: str) -
     assert "processor  " not in text
 
 
-@pytest.mark.parametrize("scripts", GROUPS, ids="-".join)
+@pytest.mark.parametrize("scripts", GROUPS)
 def test_a_quick_look_measures_everything_and_writes_nothing(scripts: tuple[str, ...]) -> None:
     for text in run("--quick", scripts).values():
         assert "processor  " in text
