@@ -45,7 +45,7 @@ def operating_points(draw: Any, law: str) -> tuple[sp.Scene, sp.State]:
 
 
 @pytest.mark.parametrize(("law", "open_loop"), LAWS)
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(data=st.data())
 def test_matrices_are_the_derivatives_of_independent_equations(
     law: str, open_loop: bool, data: Any
@@ -137,7 +137,7 @@ def tilted(scene: sp.Scene, tilt: float, acceleration: Any) -> sp.Scene:
 
 @pytest.mark.parametrize(("law", "open_loop"), LAWS)
 @pytest.mark.parametrize("carried", [False, True])
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(data=st.data())
 def test_the_acceleration_of_the_hand_acts_as_forces_on_object_and_fingers(
     law: str, open_loop: bool, carried: bool, data: Any
