@@ -43,7 +43,7 @@ def fit(scene: sp.Scene, data: dict[str, Any], **how: Any) -> sp.Fit:
     return sp.fit(scene, TIMES, data, **given)
 
 
-@pytest.mark.parametrize("count", [50, pytest.param(400, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [25, pytest.param(400, marks=pytest.mark.slow)])
 def test_intervals_of_friction_and_modulus_cover_the_truth(count: int) -> None:
     exact = motion(SCENE)
     rng = np.random.default_rng(12)

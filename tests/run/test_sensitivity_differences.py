@@ -89,7 +89,7 @@ def test_differences_of_runs_agree(data: st.DataObject, method: str, formulation
 
 
 @pytest.mark.parametrize("formulation", _core.FORMULATIONS)
-@settings(max_examples=20, phases=QUICK, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10, phases=QUICK, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_differences_of_runs_of_driven_fingers_agree(data: st.DataObject, formulation: str) -> None:
     compared(data, data.draw(st.sampled_from(_core.METHODS)), formulation, "driven")

@@ -137,7 +137,7 @@ def test_every_kind_of_motion_comes_with_accelerations_and_a_tilt(kind: str) -> 
     assert type(shrunk(sps.motions(kinds=(kind,)))) is MOTIONS[kind]
 
 
-@settings(max_examples=400)
+@settings(max_examples=200)
 @given(sps.motions(0.3, 7.0), st.lists(st.floats(0.0, 0.4), min_size=1, max_size=20))
 def test_accelerations_stay_within_their_limit(motion: sp.HandMotion, times: list[float]) -> None:
     hand = motion.at([*times, *motion.breakpoints(0.0, 0.4)])
