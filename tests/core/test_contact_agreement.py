@@ -10,8 +10,10 @@ from hypothesis import assume, given, settings
 import softpinch as sp
 from contact_scenes import EVERYTHING, UNHURRIED, check, grasps, perturbed, sequence, settled
 from oracle import Change, UnilateralReference, unilateral
+from random_pinches import random_pinch
 from scenes import uneven
 from softpinch import paper
+from softpinch.scene import outline
 
 METHODS: list[dict[str, Any]] = [
     {"tolerance": 1e-12, "method": "dop853", "formulation": "csm"},
@@ -104,6 +106,49 @@ def test_the_core_and_the_oracle_agree_on_events_and_the_end(scene: sp.Scene) ->
 def test_the_core_and_the_oracle_agree_on_many_scenes(scene: sp.Scene) -> None:
     assume(calm(scene, simulated(scene, **METHODS[1])))
     agree(scene)
+
+
+def broken(status: str) -> sp.Scene:
+    """A push that presses a tip flat, or an object that turns between fingers at 84 degrees."""
+    if status == "crushed":
+        push = sp.Step(time=0.002, force=(300.0, 5.0))
+        tip = sp.Fingertip(normal_mass=0.02, tangential_mass=0.02, youngs_modulus=1e5)
+        hand = sp.Hand(right=sp.Finger(length=0.079), tip=tip)
+        return of_the_paper(0.5, hand=hand, disturbances=(push,), duration=0.03)
+    law = sp.PowerLaw(2e4, 1.5, foot=1e-5)
+    tip = sp.Fingertip(normal_mass=0.02, tangential_mass=0.02, law=law)
+    tilt, finger = np.deg2rad(84.0), sp.Finger()
+    reach = outline.inward(finger, tilt) + tip.radius + 0.5 * sp.GraspedObject().width
+    wide = replace(finger, root_offset=reach - 1e-3)
+    scene = sp.Scene(
+        contact="unilateral",
+        friction=0.8,
+        hand=sp.Hand(right=wide, left=wide, tip=tip),
+        control=sp.Pid(kp=0.0, kd=0.0, ki=0.0),
+        schedule=sp.Schedule.steps([0.0], [[tilt, tilt]]),
+        duration=0.015,
+    )
+    turning: dict[str, Any] = {"finger_rates": (5.0, 2.0), "velocity": (0.0, 0.0, -120.0)}
+    place: dict[str, Any] = {"x": 0.0, "y": outline.upward(wide, tilt), "fingers": (tilt, tilt)}
+    return replace(scene, initial=sp.State.consistent(scene, **place, **turning))
+
+
+@pytest.mark.parametrize("status", ["crushed", "folded"])
+def test_a_tip_is_crushed_or_folded_at_its_own_instant(status: str) -> None:
+    """Not at the end of a step, and in lanes as alone."""
+    scene = broken(status)
+    agree(scene)
+    end, step = unilateral(scene).end.t, 3e-4 if status == "crushed" else 1e-4
+    for method in ("rk4", "radau5" if status == "crushed" else "rosenbrock"):
+        run = simulated(scene, dt=step, method=method)
+        assert run.status == status and f"at t = {run.t[-1]:.6g} s" in run.message
+    study = sp.monte_carlo(scene, 9, vary={"friction": np.linspace(0.5, 0.9, 9)}, dt=step)
+    for k in (0, 8):
+        alone = simulated(study.scene_of(k), dt=step)
+        assert study.end_time[k] == alone.t[-1] == alone.violations[status]
+        assert alone.violation_intervals[status].tolist() == [[alone.t[-1], alone.t[-1]]]
+    # Where it is not to end the run, the run goes on.
+    assert simulated(scene, dt=step, stop_on=()).t[-1] > end
 
 
 # The paper's parameters, faces 49 mm high, and the frictions between which its operations differ.
@@ -259,6 +304,32 @@ def test_two_contacts_that_open_each_other_in_turn_settle_as_in_the_oracle() -> 
     np.testing.assert_allclose(run.q[-1], ours.end.q, rtol=0, atol=1e-7)
     np.testing.assert_allclose(run.p[-1], ours.end.p, rtol=0, atol=1e-6)
     check(run)
+
+
+# Random scenes of unlike hands with a series of flights, each shorter by the same factor.
+SERIES = (2613, 2720, 3473, 3761, 4022, 6074, 7021, 9291, 10042, 10347)
+SERIES += (10614, 10706, 10875, 11342, 11713, 11842, 12765, 13193, 13201, 13985)
+QUICK = (2720, 3473, 10706)
+
+
+@pytest.mark.parametrize(
+    "seed", [*QUICK, *(pytest.param(k, marks=pytest.mark.slow) for k in SERIES if k not in QUICK)]
+)
+def test_the_rest_of_a_series_of_flights_is_summed(seed: int) -> None:
+    """The oracle goes through the flights one by one, down to 1e-6 m/s."""
+    scene = random_pinch(np.random.default_rng(seed), "unilateral", 0.03)
+    ours, run = unilateral(scene), simulated(scene, **METHODS[1])
+    assert run.status == ours.status != "chattering"
+    np.testing.assert_allclose(run.q[-1], ours.end.q, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(run.p[-1], ours.end.p, rtol=0, atol=1e-4)
+    # The impulses of a sum have any sign, so that its loss may be negative.
+    assert np.abs(run.energy.closure).max() <= 1e-6 * run.energy.exchanged
+    masses = scene.grasped.mass * np.linspace(1.0, 1.01, 5)
+    study = sp.monte_carlo(scene, 5, vary={"grasped.mass": masses}, dt=1e-4, progress=False)
+    for k in (0, 3):
+        alone = simulated(study.scene_of(k), dt=1e-4)
+        last = np.hstack([alone.q[-1], alone.p[-1]])
+        np.testing.assert_array_equal(study["final_state"][k], last)
 
 
 @pytest.mark.slow

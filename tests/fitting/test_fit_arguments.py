@@ -46,10 +46,6 @@ BAD_VALUES: list[tuple[dict[str, Any], str]] = [
         {"scene": MOVED, "vary": {"motion.times.1": None}},
         "is fitted with tolerance=, not with dt",
     ),
-    (
-        {"scene": replace(SCENE, contact="unilateral", friction=1.0), "method": "radau5"},
-        'method = "radau5": must be one of "rk4", "dop853" in unilateral contact',
-    ),
     ({"vary": {E: (2e5, 1e5)}}, "high = 100000: must be above low = 200000"),
     ({"start": {"gravity": 1.0}}, "start = 'gravity': must be one of"),
     ({"start": {E: 1.0}}, "must be within the bounds 10000 and 1e+07"),

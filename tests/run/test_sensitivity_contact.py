@@ -61,7 +61,7 @@ class Compared:
                     self.reason = str(each.message)
         self.error = self.time_error = None
         ours = self.run.sensitivity[path][(..., *index)]
-        if self.run.status in ("unstable", "chattering"):
+        if self.run.status in ("unstable", "chattering", "newton_failed"):
             return
         if self.reason is not None:
             assert np.isnan(ours).any()
@@ -137,7 +137,13 @@ def check(seeds: range, **how: Any) -> None:
 
 @pytest.mark.parametrize(
     ("first", "method", "formulation"),
-    [(0, "rk4", "csm"), (300, "dop853", "projected")],
+    [
+        (0, "rk4", "csm"),
+        (300, "dop853", "projected"),
+        (0, "implicit_midpoint", "projected"),
+        (0, "radau5", "csm"),
+        (300, "rosenbrock", "projected"),
+    ],
 )
 def test_random_scenes(first: int, method: str, formulation: str) -> None:
     check(range(first, first + 20), dt=2e-4, method=method, formulation=formulation)
@@ -154,30 +160,34 @@ def carried(scene: sp.Scene) -> sp.Scene:
 
 
 @pytest.mark.parametrize("alter", [driven, carried])
-def test_driven_fingers_and_hands_that_move(alter: Callable[[sp.Scene], sp.Scene]) -> None:
+@pytest.mark.parametrize("method", ["rk4", "rosenbrock"])
+def test_driven_fingers_and_hands_that_move(
+    alter: Callable[[sp.Scene], sp.Scene], method: str
+) -> None:
     compared = 0
     for seed in (0, 2, 6, 8, 9, 10, 11):
-        found = pinched(seed, alter, dt=1e-4)
+        found = pinched(seed, alter, dt=1e-4, method=method)
         assert found.error is not None and found.error < 1e-7, seed
         compared += len(found.run.contact_changes) > 1
     assert compared >= 4
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["rk4", "dop853"])
+@pytest.mark.parametrize("method", ["rk4", "dop853", "implicit_midpoint", "radau5", "rosenbrock"])
 @pytest.mark.parametrize("formulation", ["csm", "projected"])
 def test_many_random_scenes(method: str, formulation: str) -> None:
     check(range(1000, 1250), dt=2e-4, method=method, formulation=formulation)
 
 
-def test_steps_of_free_length_have_the_derivatives_of_the_motion() -> None:
+@pytest.mark.parametrize("method", ["dop853", "radau5", "rosenbrock"])
+def test_steps_of_free_length_have_the_derivatives_of_the_motion(method: str) -> None:
     times = np.linspace(0.0, 0.03, 31)
     for seed in (0, 2, 4, 5, 9):
         scene = random_pinch(np.random.default_rng(seed), "unilateral", 0.03)
         path, index = PATHS[seed % len(PATHS)]
-        how: dict[str, Any] = {"sensitivities": path, "method": "dop853", "times": times}
-        fine = sp.simulate(scene, dt=1e-5, **how)
-        free = sp.simulate(scene, tolerance=1e-10, **how)
+        how: dict[str, Any] = {"sensitivities": path, "times": times}
+        fine = sp.simulate(scene, dt=1e-5, method="dop853", **how)
+        free = sp.simulate(scene, tolerance=1e-10, method=method, **how)
         assert fine.contact_changes and changes(fine) == changes(free)
         ours, theirs = (run.sensitivity[path][(..., *index)] for run in (free, fine))
         assert difference(ours, theirs) < 1e-7
@@ -317,10 +327,6 @@ def test_a_run_goes_on_from_a_row_in_which_no_tip_is_free() -> None:
 @pytest.mark.parametrize(
     ("how", "text"),
     [
-        (
-            {"method": "radau5"},
-            r'^method = "radau5": must be one of "rk4", "dop853" in unilateral contact',
-        ),
         (
             {"record": ("state", "energy")},
             r'^record = "energy": must be one of the others in unilateral contact',

@@ -13,6 +13,7 @@ import softpinch as sp
 from ensembles import require_alone
 from softpinch import paper, strategies
 from softpinch.scene.fields import label
+from unilateral_scenes import regripped
 
 FORCE = "disturbances.0.force"
 VARY: dict[Any, Any] = {
@@ -125,6 +126,45 @@ def test_the_summaries_are_those_of_the_recorded_modes(after: float | None) -> N
         assert ensemble["slip_distance"][run] == pytest.approx(distance, rel=0.01, abs=step)
         # Whatever happened before, and from whichever instant on summaries count.
         assert ensemble.holds[run] == alone.holds == (alone.success and alone.contact[-1].all())
+
+
+def distance(scene: sp.Scene) -> float:
+    """The integral of the slips' speeds, by Gauss' rule between the events of a fine run."""
+    fine: dict[str, Any] = {"dt": 1e-5, "method": "dop853"}
+    run = sp.simulate(scene, **fine)
+    ends = [0.0, 0.02, *(change.time for change in run.contact_changes), scene.duration]
+    edges = np.unique(np.concatenate([np.linspace(0.0, scene.duration, 81), ends]))
+    x, weights = np.polynomial.legendre.leggauss(6)
+    half = 0.5 * np.diff(edges)[:, None]
+    times, shares = (edges[:-1, None] + half * (1.0 + x)).ravel(), (half * weights).ravel()
+    inside = sp.simulate(scene, times=times, record=("residuals", "contact"), **fine)
+    rows = np.isin(inside.t, times)
+    moves = np.isin(inside.contact[rows], [sp.ContactMode.SLIP, sp.ContactMode.GRAZE])
+    speeds = (moves * np.abs(inside.residuals[rows, 2:])).sum(axis=1)
+    return float(shares @ speeds)
+
+
+@pytest.mark.parametrize(
+    ("method", "formulation", "dt", "order"),
+    [
+        ("rk4", "csm", 2e-4, 4),
+        ("dop853", "projected", 8e-4, 8),
+        ("implicit_midpoint", "csm", 1e-4, 2),
+    ],
+)
+def test_a_distance_of_slips_has_the_order_of_the_method(
+    method: Any, formulation: Any, dt: float, order: int
+) -> None:
+    """Slips begin and end inside steps, and one begins with an impact."""
+    scene = regripped()
+    exact = distance(scene)
+    errors = []
+    for step in (dt, dt / 2):
+        how: dict[str, Any] = {"method": method, "formulation": formulation, "dt": step}
+        found = sp.monte_carlo(scene, 1, summaries="slip_distance", progress=False, **how)
+        errors.append(abs(found["slip_distance"][0] - exact))
+    assert 2.0 ** (order - 0.7) < errors[0] / errors[1] < 2.0 ** (order + 1.5)
+    assert errors[1] < 1e-3 * exact
 
 
 def test_model_names_contact_and_friction() -> None:

@@ -76,8 +76,8 @@ def simulate(
         sensitivities: Paths of numbers, pairs or arrays of the scene, as in `vary` of
             `monte_carlo`, for `Run.sensitivity`. Up to eight numbers make the call six to fourteen
             times as long (docs/derivatives.md). `Sensitivity.at` of another run continues that
-            run's derivatives. Not with a `SampledController`; in unilateral contact with "rk4" and
-            "dop853", without the energy. Ctrl-C during this work raises.
+            run's derivatives. Not with a `SampledController`; in unilateral contact without the
+            energy. Ctrl-C during this work raises.
 
     Returns:
         The run. A run that fails numerically or physically is also a result; see its status.

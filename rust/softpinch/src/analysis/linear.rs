@@ -5,7 +5,9 @@
 use nalgebra::{DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
-use crate::formulation::{Choice, Contact, Formulation, Linear, SceneEquations, Seeded, States, System};
+use crate::formulation::{
+    Carried, Choice, Contact, Formulation, Linear, SceneEquations, Seeded, States, System,
+};
 use crate::method::Runs;
 use crate::model::contact::Side;
 use crate::model::{
@@ -105,7 +107,7 @@ impl<'a> Problem<'a> {
             (model, modes) = (ContactModel::Unilateral, Some(own));
         }
         let moves = drive.frame.is_some();
-        let choice = Choice { formulation, contact: model, fingers, moves, ledger: false };
+        let choice = Choice { formulation, contact: model, fingers, moves, carried: Carried::default() };
         let runs = Runs { choice, parameters: [parameters; MOST], gains };
         let mut problem = Self { runs, drive, motion: *motion, modes };
         if open_loop {

@@ -8,9 +8,9 @@
 
 use crate::driver::sensitivities::Request;
 use crate::error::{Error, Result, seconds};
-use crate::formulation::{MAX_COMPONENTS, RunDual, RunDualEquations, States, System};
+use crate::formulation::{ContactJump, MAX_COMPONENTS, RunDual, RunDualEquations, States, System};
 use crate::method::{RunDualMethod, Runs, Step, Unsolved, values};
-use crate::model::{ContactModel, Mode, SegmentDrive, Source, VariedParameters};
+use crate::model::{ContactModel, Mode, SegmentDrive, Source};
 use crate::number::{LaneTask, Lanes, Real, task};
 use crate::stepping::{Cause, Event, EventResult, LaneContact, Limits, Moment, Passage, Segment};
 
@@ -29,12 +29,10 @@ const COINCIDES: &str = "an event coincides with another one or with a breakpoin
 pub struct Stepper<R> {
     pub method: RunDualMethod<R>,
     pub contact: Option<ContactDerivatives<R>>,
-    pub limits: Limits<RunDual<R>>,
 }
 
 pub struct ContactDerivatives<R> {
     pub lane: LaneContact,
-    limits: Limits<RunDual<R>>,
     pub passed: Passed<R>,
 }
 
@@ -51,10 +49,11 @@ pub struct Passed<R> {
 
 pub type DualStates<R> = States<RunDual<R>>;
 
-/// The state at a time of the segment that starts at `anchor`, and its equations.
+/// The state at a time of the segment that starts at `anchor`, with its equations and what events are due at.
 #[derive(Clone)]
 pub struct Place<'a, R> {
     pub equations: &'a RunDualEquations<R>,
+    pub limits: &'a Limits<RunDual<R>>,
     pub anchor: f64,
     pub drive: SegmentDrive<RunDual<R>>,
     pub tau: RunDual<R>,
@@ -69,24 +68,20 @@ task! {
 }
 
 task! {
-    ['a, D: Lanes, S: Source<D>] LimitsOf<'a, S>(source: &'a S) for D => Limits<D> = Limits::new(source)
+    pub(super) ['a, D: Lanes, S: Source<D>] LimitsOf<'a, S>(source: &'a S) for D => Limits<D> = Limits::new(source)
 }
 
 impl<R: Lanes> Stepper<R> {
     /// The stepper at the start of a run with derivatives in `count` directions.
-    pub fn new(
-        runs: Runs<'_>,
-        &Request { options, scene, .. }: &Request<'_>,
-        (source, count): (&VariedParameters<'_>, usize),
-    ) -> Result<Self> {
-        let (mut contact, limits) = (None, RunDual::outlined(LimitsOf { source }));
+    pub fn new(runs: Runs<'_>, &Request { options, scene, .. }: &Request<'_>, count: usize) -> Result<Self> {
+        let mut contact = None;
         if options.contact == ContactModel::Unilateral {
             let mut lane = LaneContact::new(options, scene);
             lane.restart(options, scene)?;
             let passed = Passed { between: [0.0; 2], changes: Vec::new(), lost: vec![None; count] };
-            contact = Some(ContactDerivatives { lane, limits, passed });
+            contact = Some(ContactDerivatives { lane, passed });
         }
-        Ok(Self { method: RunDualMethod::new(runs, options.method), contact, limits })
+        Ok(Self { method: RunDualMethod::new(runs, options.method), contact })
     }
 
     /// Why a direction has no derivatives from a time on, if so, and the derivatives of the times of changes of modes.
@@ -206,10 +201,14 @@ impl<R: Lanes> ContactDerivatives<R> {
         log: &[Passage],
     ) -> Result {
         let end = place.tau + RunDual::constant(h);
-        for &passage in log {
+        for (k, &passage) in log.iter().enumerate() {
             let Place { equations: RunDualEquations { system, .. }, drive, tau, y, .. } = place;
             match passage {
-                Passage::Step(length, event) => self.reach(method, place, (length, h), event)?,
+                Passage::Step(length, event) => {
+                    // By round-off the same modes may be chosen again: nothing happens then.
+                    let happens = !self.keeps_modes(&log[k + 1..]);
+                    self.reach(method, place, (length, h), (event, happens))?;
+                }
                 Passage::Jump(jump) => system.apply((drive, *tau), y, jump, impulse),
                 Passage::Undefined(why) => self.passed.lose(place, |_| Some(why)),
                 Passage::Modes(contacts, changes) => {
@@ -233,10 +232,22 @@ impl<R: Lanes> ContactDerivatives<R> {
         }
         if h > 0.0 {
             let now = place.equations.system.evaluate(&place.drive, place.tau, &place.y);
+            method.restart();
             place.y = place.arrive(method, end - place.tau, &now.rate)?;
         }
+        method.restart();
         place.tau = end;
         Ok(())
+    }
+
+    /// Whether the passages that follow an event choose the same modes again.
+    fn keeps_modes(&self, then: &[Passage]) -> bool {
+        let (&[Passage::Modes(_, changes), ..]
+        | &[Passage::Jump(ContactJump::Absorb(_)), Passage::Modes(_, changes), ..]) = then
+        else {
+            return false;
+        };
+        changes == self.passed.changes.len()
     }
 
     /// Takes the step that leads to an event, with the derivative of its length.
@@ -246,18 +257,19 @@ impl<R: Lanes> ContactDerivatives<R> {
         method: &mut RunDualMethod<R>,
         place: &mut Place<'_, R>,
         (length, h): (f64, f64),
-        event: Event,
+        (event, happens): (Event, bool),
     ) -> Result {
         let (mut by, mut y, mut found) = (RunDual::constant(length), place.y, [[RunDual::<R>::zero(); 2]; 3]);
         // A tip that just touches at the start is relaxed but for round-off.
         let rests = event.cause == Cause::Relaxed && length <= TOGETHER * h;
-        let Place { equations: RunDualEquations { system, .. }, drive, tau, .. } = &*place;
+        let Place { equations: RunDualEquations { system, .. }, limits, drive, tau, .. } = &*place;
         let mut now = system.evaluate(drive, *tau, &y);
         let rate = now.rate;
         let events = [event, Event { finger: 1 - event.finger, ..event }];
         // Derivatives are linear in that of the length, so two of them give the one at which the condition stays zero.
         for trial in 0..3 {
-            found[trial] = events.map(|event| self.limits.event_value(&now, &drive.contacts, event));
+            method.restart();
+            found[trial] = events.map(|event| limits.event_value(&now, &drive.contacts, event));
             let [_, [held, _], [moving, _]] = found;
             for k in 0..by.slope.len() {
                 by.slope[k] = match trial {
@@ -272,6 +284,9 @@ impl<R: Lanes> ContactDerivatives<R> {
         let modes = |i: usize| [drive.contacts.free[i], drive.contacts.graze[i], drive.contacts.slip(i)];
         let alike = modes(0).map(|lanes| lanes & 1) == modes(1).map(|lanes| lanes & 1);
         (place.tau, place.y) = (place.tau + by, y);
+        if !happens {
+            return Ok(());
+        }
         let (t, [last, end]) = (place.tau.lane(0), self.passed.between);
         self.passed.between[0] = t;
         let together = (t - last).min(end - t) <= TOGETHER * h;
@@ -300,9 +315,16 @@ impl<R: Lanes> Place<'_, R> {
         h: RunDual<R>,
         rate: &DualStates<R>,
     ) -> Result<DualStates<R>> {
-        let Self { equations, anchor, drive, tau, y } = self;
+        let Self { equations, anchor, drive, tau, y, .. } = self;
         let (system, end) = (&equations.system, *tau + h);
-        let mut next = [RunDual::zero(); MAX_COMPONENTS];
+        let mut next = *y;
+        if h.lane(0).abs() <= f64::EPSILON * end.lane(0).abs() {
+            // What round-off leaves of a step is too short to be solved. The derivative of its length counts.
+            for n in 0..MAX_COMPONENTS {
+                next[n] = y[n] + h * rate[n];
+            }
+            return Ok(next);
+        }
         let step = Step { system, drive, tau: *tau, h, y, rate, allowed: None };
         // The equations were solved in the run, but not again to round-off.
         let attempt = method.step(equations, &step, &mut next);

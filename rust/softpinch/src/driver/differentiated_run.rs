@@ -8,7 +8,7 @@ use crate::formulation::{MAX_COMPONENTS, RunDual, RunDualEquations, StageState, 
 use crate::method::values;
 use crate::model::{Input, Motion, Scene, SegmentDrive, State, VariedParameters, relaxed, unpacked};
 use crate::number::{LaneTask, Lanes, Real, task};
-use crate::stepping::{Grid, POLL, Segment, Span, Steps};
+use crate::stepping::{Grid, Limits, POLL, Segment, Span, Steps};
 
 /// A step: its start since the segment's, its length, and the times at its end.
 struct StepTimes {
@@ -38,6 +38,8 @@ pub(super) struct DifferentiatedRun<'a, R> {
     pub directions: &'a [Direction],
     pub source: VariedParameters<'a>,
     pub equations: RunDualEquations<R>,
+    /// What events are due at, and margins are distances to.
+    pub limits: Limits<RunDual<R>>,
 }
 
 task! {
@@ -51,7 +53,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
     #[inline(always)]
     fn follow(&self, stepper: &mut Stepper<R>, kept: &mut Kept<'_, R>) -> Result {
         let (mut grid, mut ends) = self.times()?;
-        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, .. } = self;
+        let DifferentiatedRun { request: Request { scene, interrupted, .. }, equations, limits, .. } = self;
         let (inputs, initial) = (&scene.inputs, &scene.initial);
         let mut segment = grid.first;
         let mut drive = self.drive(segment.anchor);
@@ -59,7 +61,7 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
             drive.contacts.frozen_tilt = [RunDual::constant(right), RunDual::constant(left)];
         }
         let y = equations.system.begin(&self.start(&drive));
-        let mut place = Place { equations, anchor: segment.anchor, drive, tau: RunDual::zero(), y };
+        let mut place = Place { equations, limits, anchor: segment.anchor, drive, tau: RunDual::zero(), y };
         let mut rate = [RunDual::zero(); MAX_COMPONENTS];
         let mut steps = 0u64;
         loop {

@@ -29,7 +29,7 @@ impl RunLoop<'_> {
         // Only what was measured to pay is inlined (docs/what-a-scene-pays.md).
         if options.method == Method::Rk4
             && options.contact == ContactModel::Bilateral
-            && !(choice.ledger || choice.moves)
+            && !(choice.carried.ledger || choice.moves)
             && scene.parameters.has_the_papers_parts()
         {
             let called = &options.runs(scene).system();

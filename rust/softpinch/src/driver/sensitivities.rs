@@ -2,7 +2,7 @@
 //! breakpoints and impulses. They are the derivatives of the numbers that the run computes, with the lengths of
 //! its steps held. `differentiated_run.rs` follows the run; what is asked for, and kept of it, is here.
 
-use crate::driver::contact_derivatives::{Place, Stepper};
+use crate::driver::contact_derivatives::{LimitsOf, Place, Stepper};
 use crate::driver::differentiated_run::{DifferentiatedRun, FollowRun};
 use crate::driver::simulate;
 use crate::error::{Error, Result};
@@ -14,7 +14,7 @@ use crate::model::{
 };
 use crate::number::{LaneKernel, LaneTask, Lanes, Real, call_four_lanes, task};
 use crate::stepping::{
-    Limits, Margins, Options, Recordable, Selection, Steps, Summaries, Summary, SummaryInstant, reserved,
+    Margins, Options, Recordable, Selection, Steps, Summaries, Summary, SummaryInstant, reserved,
 };
 
 /// A step below this share of the run leads to an event at its start. It is too short to choose modes by: the next one has it.
@@ -102,17 +102,10 @@ pub struct Request<'a> {
 pub fn sensitivities(request: Request<'_>) -> Result<Option<Derivatives>> {
     let Request { scene, options, .. } = request;
     let unilateral = options.contact == ContactModel::Unilateral;
-    let explicit = matches!(options.method, Method::Rk4 | Method::Dop853);
     let energy = options.record.contains(Recordable::Energy);
     let remembers = scene.parameters.branches() > 0 && options.method == Method::Radau5;
     let refused = [
         (scene.inputs.sampled.is_some(), "control", "SampledController", "the others"),
-        (
-            unilateral && !explicit,
-            "method",
-            options.method.name(),
-            "\"rk4\", \"dop853\" in unilateral contact",
-        ),
         (remembers, "method", "radau5", "the others with Maxwell branches"),
         (unilateral && energy, "record", "energy", "the others in unilateral contact"),
     ];
@@ -159,10 +152,11 @@ impl LaneKernel for Followed<'_> {
             let source = VariedParameters { parameters: &scene.parameters, slopes };
             let twice = options.method == Method::Rosenbrock;
             let equations = RunDualEquations::<R>::new(runs.choice, &source, runs.gains, twice);
-            let stepper = &mut Stepper::new(runs, &request, (&source, directions.len()))?;
-            let run = DifferentiatedRun { request, ends, directions, source, equations };
+            let stepper = &mut Stepper::new(runs, &request, directions.len())?;
+            let limits = RunDual::outlined(LimitsOf { source: &source });
+            let run = DifferentiatedRun { request, ends, directions, source, equations, limits };
             let summaries = (!wanted.is_empty()).then(|| Summaries::new(&options.summaries));
-            let mut kept = Kept { times, numbers, taken: 0, summaries, limits: stepper.limits, options };
+            let mut kept = Kept { times, numbers, taken: 0, summaries, options };
             let mut unsolved = None;
             match R::outlined(FollowRun { run: &run, stepper, kept: &mut kept }) {
                 Ok(()) if kept.is_full() => {}
@@ -190,9 +184,8 @@ pub(super) struct Kept<'a, R> {
     /// For each direction the components of all rows; NaN if they are not taken.
     numbers: &'a mut [f64],
     taken: usize,
-    /// The summaries, if any are wanted, what margins are distances to, and the run's options.
+    /// The summaries, if any are wanted, and the run's options.
     pub summaries: Option<Summaries<RunDual<R>>>,
-    limits: Limits<RunDual<R>>,
     options: &'a Options,
 }
 
@@ -223,18 +216,18 @@ impl<R: Lanes> Kept<'_, R> {
     fn take(
         &mut self,
         time: f64,
-        Place { equations: RunDualEquations { system, .. }, drive, y, .. }: &Place<'_, R>,
+        Place { equations: RunDualEquations { system, .. }, limits, drive, y, .. }: &Place<'_, R>,
         now: &Evaluation<RunDual<R>>,
     ) {
         let zero = RunDual::zero();
         if let Some(summaries) = &mut self.summaries {
             let t = RunDual::constant(time);
-            let instant = SummaryInstant { t, now, slip_speed: zero, closure: zero, half_width: zero };
+            let instant = SummaryInstant { t, now, slipped: zero, closure: zero, half_width: zero };
             summaries.watch(&instant, R::ALL);
             if summaries.wanted.set.contains(Summary::Margin) {
                 let &Options { contact, stop_on, .. } = self.options;
                 let contacts = (contact == ContactModel::Unilateral).then_some(&drive.contacts);
-                let (limits, seen) = (&self.limits, R::ALL & summaries.after.at_most(t));
+                let seen = R::ALL & summaries.after.at_most(t);
                 let memory = &mut summaries.memory[Summary::Margin as usize];
                 Margins { limits, now, contacts, stop_on, memory, seen }.run();
             }
@@ -247,7 +240,7 @@ impl<R: Lanes> Kept<'_, R> {
         if size.works > 0 {
             let energies = system.energies(&Contacts::sticking(), &now.motion);
             energy[..3].copy_from_slice(&[energies.kinetic, energies.elastic, energies.gravity]);
-            energy[3..].copy_from_slice(&y[size.states..size.all()]);
+            energy[3..].copy_from_slice(&y[size.states..][..size.works]);
         }
         let row = now.motion.row().into_iter().chain(now.multipliers).chain(now.torque).chain(energy);
         for (component, number) in row.enumerate() {

@@ -116,10 +116,15 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
     let largest = choice.fingers != Fingers::Driven
         && (options.contact == ContactModel::Unilateral
             || choice.moves && options.formulation != Formulation::Nullspace);
-    if largest && choice.ledger {
-        let rule = "must be at most 1 with record \"energy\" where contact is unilateral or the hand moves";
-        let branches = scene.parameters.branches();
-        require(branches <= 1, "Maxwell branches of a tip", branches as f64, rule)?;
+    if largest && choice.carried.ledger {
+        let mut rule =
+            "must be at most 1 with record \"energy\" where contact is unilateral or the hand moves";
+        let (branches, mut most) = (scene.parameters.branches(), 1);
+        if choice.carried.slips && choice.moves {
+            (rule, most) =
+                ("must be 0 with summary \"slip_distance\" and the energy ledger where the hand moves", 0);
+        }
+        require(branches <= most, "Maxwell branches of a tip", branches as f64, rule)?;
     }
     if scene.inputs.fingers == Fingers::Driven {
         scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;

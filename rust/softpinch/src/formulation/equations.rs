@@ -4,7 +4,7 @@
 use std::fmt::Debug;
 
 use crate::formulation::contact_solve::Load;
-use crate::formulation::{Response, constrained, response};
+use crate::formulation::{Response, Size, constrained, response};
 use crate::model::{
     Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, ElasticGradient, Energies, Forces,
     Geometry, Input, Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
@@ -17,9 +17,27 @@ pub const MAX_COMPONENTS: usize = 32;
 
 /// A state as the integrators see it. Its components are, in this order: one coordinate for each degree of
 /// freedom; the rates of these coordinates; quantities that depend on both and drive the rates (shears, branches of tips,
-/// controllers' memories); the works of the ledger if it is carried, which drive nothing. The system's
-/// [`Size`](super::system::Size) has the number of each. Zeros fill the rest.
+/// controllers' memories); the works of the ledger if it is carried, and the distance of slips in unilateral contact, which
+/// drive nothing. The system's [`Size`](super::system::Size) has the number of each. Zeros fill the rest.
 pub type States<R> = [R; MAX_COMPONENTS];
+
+/// What a state carries beside the motion.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Carried {
+    /// The works of the ledger.
+    pub ledger: bool,
+    /// The distance of slips, in unilateral contact.
+    pub slips: bool,
+}
+
+/// The numbers of components of the equations' states.
+#[inline(always)]
+pub(super) fn size_of<R: Real, E: Equations<R>>(equations: &E, driven: bool, carried: Carried) -> Size {
+    let works = if carried.ledger { equations.works() + usize::from(equations.plant().moves) } else { 0 };
+    let (states, degrees) = (equations.states(driven), equations.degrees(driven));
+    let slips = usize::from(carried.slips && equations.opens());
+    Size { states, degrees, works, slips, relaxations: equations.relaxations() }
+}
 
 /// The results of a formulation at one state.
 #[derive(Debug, Clone, Copy)]
@@ -299,19 +317,19 @@ pub trait Equations<R: Real>: Copy + Debug {
         applied: Applied<'_, R>,
         contacts: &Contacts<R>,
         y: &States<R>,
-        ledger: bool,
+        carried: Carried,
     ) -> Evaluation<R> {
         if Self::CALLED {
-            return R::outlined(Evaluate { equations: self, driven, applied, contacts, y, ledger });
+            return R::outlined(Evaluate { equations: self, driven, applied, contacts, y, carried });
         }
-        evaluated(self, driven, applied, contacts, y, ledger)
+        evaluated(self, driven, applied, contacts, y, carried)
     }
 
     /// Adds the velocity jump that an impulse (J_x, J_y, J_theta) makes while both tips stick. It keeps the
     /// constraints: Phi dp = 0 and M dp = J + Phi^T Lambda. The works of the impulse and of the constraint
     /// impulses Lambda are added to the ledger as J (p before + p after) / 2, which is exact.
     #[inline(always)]
-    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], ledger: bool) {
+    fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3], carried: Carried) {
         let driven = self.plant().driven;
         let mut motion = self.unpack(driven, input, y);
         let geometry = self.geometry(&mut motion);
@@ -324,7 +342,7 @@ pub trait Equations<R: Real>: Copy + Debug {
         for n in degrees..2 * degrees {
             y[n] = y[n] + jump[n];
         }
-        if ledger {
+        if carried.ledger {
             let half = R::constant(0.5);
             let mean = each_coordinate!([change, p] => half.mul_add(change, p));
             let works = &mut y[self.states(driven)..];
@@ -399,8 +417,8 @@ task! {
 task! {
     ['a, R: Real, E: Equations<R>]
     Evaluate<'a, R, E>(equations: &'a E, driven: bool, applied: Applied<'a, R>, contacts: &'a Contacts<R>,
-        y: &'a States<R>, ledger: bool)
-    for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, ledger)
+        y: &'a States<R>, carried: Carried)
+    for R => Evaluation<R> = evaluated(equations, driven, applied, contacts, y, carried)
 }
 
 /// Derivative and multipliers of a state, by the equations' own terms.
@@ -411,7 +429,7 @@ pub(super) fn evaluated<R: Real, E: Equations<R>>(
     (input, moving): Applied<'_, R>,
     contacts: &Contacts<R>,
     y: &States<R>,
-    ledger: bool,
+    carried: Carried,
 ) -> Evaluation<R> {
     let mut motion = equations.unpack(driven, input, y);
     let geometry = equations.geometry(&mut motion);
@@ -420,7 +438,7 @@ pub(super) fn evaluated<R: Real, E: Equations<R>>(
     let memory = equations.plant().memory_rates(&motion.q, input);
     let relaxation = equations.plant().relaxation_rates::<E::Parts>(&motion);
     let mut rate = equations.begin(driven, &Motion { q: motion.p, p: acceleration, memory, relaxation });
-    if ledger {
+    if carried.ledger {
         let powers = equations.powers(&terms, contacts, &motion);
         for_fingers!(driven, driven => {
             let states = equations.states(driven);
@@ -432,6 +450,14 @@ pub(super) fn evaluated<R: Real, E: Equations<R>>(
                     + fingers[0].dot2(turns[0], fingers[1], turns[1]);
             }
         });
+    }
+    if equations.opens() && carried.slips {
+        let slipped = &mut rate[size_of(equations, driven, carried).all() - 1];
+        for i in 0..2 {
+            let v = terms.geometry.residuals()[2 + i];
+            let speed = R::select(v.less(R::zero()), -v, v);
+            *slipped = *slipped + R::select(contacts.slip(i) | contacts.graze[i], speed, R::zero());
+        }
     }
     let torque = terms.forces.torque;
     Evaluation { rate, torque, ..Evaluation::of_contacts(&motion, &multipliers, &terms.geometry, share) }

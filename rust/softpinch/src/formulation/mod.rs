@@ -28,7 +28,7 @@ pub(crate) use constrained::constrained;
 pub(crate) use contact_equations::ContactEquations;
 pub(crate) use contact_solve::{Response, response};
 pub(crate) use csm::Csm;
-pub(crate) use equations::{Equations, Evaluation, MAX_COMPONENTS, States, Terms, for_fingers};
+pub(crate) use equations::{Carried, Equations, Evaluation, MAX_COMPONENTS, States, Terms, for_fingers};
 pub(crate) use inlined::Inlined;
 pub(crate) use jumps::{ApplyJump, ContactJump};
 pub(crate) use mode_selection::{Chosen, Contact, choose, contacts_in};

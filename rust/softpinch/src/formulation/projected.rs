@@ -7,7 +7,7 @@
 //! one linear solve. The change of energy by the correction counts as work of the constraints in the ledger.
 
 use crate::formulation::contact_solve::Load;
-use crate::formulation::{Equations, States, constrained, response};
+use crate::formulation::{Carried, Equations, States, constrained, response};
 use crate::model::{Contacts, Coordinates, Geometry, Input, Motion, Parts, Plant, each_coordinate, work};
 use crate::number::{Bits, LaneTask, Real, solve2, task};
 
@@ -53,7 +53,7 @@ fn newton_step<R: Real, P: Parts>(plant: &Plant<R>, q: &Coordinates<R>, free: [B
 #[inline(always)]
 pub fn correct<R: Real, E: Equations<R>>(
     equations: &E,
-    (driven, ledger): (bool, bool),
+    (driven, carried): (bool, Carried),
     input: &Input<R>,
     contacts: &Contacts<R>,
     y: &mut States<R>,
@@ -87,10 +87,12 @@ pub fn correct<R: Real, E: Equations<R>>(
     let works = *y;
     let corrected = Motion { q, p, ..left };
     *y = equations.begin(driven, &corrected);
-    // Derivatives of unilateral contact are without the ledger.
-    if ledger && (R::ORDER == 0 || !equations.opens()) {
-        let states = equations.states(driven);
+    let states = equations.states(driven);
+    if carried.ledger || carried.slips {
         y[states..].copy_from_slice(&works[states..]);
+    }
+    // Derivatives of unilateral contact are without the ledger.
+    if carried.ledger && (R::ORDER == 0 || !equations.opens()) {
         // The energy that the correction adds is work of the constraints.
         let now = equations.energies(contacts, &corrected);
         let before = equations.energies(contacts, &left);

@@ -39,7 +39,7 @@ impl<R: Lanes> RunDualEquations<R> {
         &self,
         drive: &SegmentDrive<RunDual<R>>,
         (tau, y): (RunDual<R>, &States<RunDual<R>>),
-        (along, by): (&States<f64>, f64),
+        (along, by): (&States<f64>, RunDual<R>),
     ) -> States<RunDual<R>> {
         let mut change = [RunDual::zero(); MAX_COMPONENTS];
         let Some(system) = &self.second else { return change };
@@ -47,10 +47,11 @@ impl<R: Lanes> RunDualEquations<R> {
         for n in 0..MAX_COMPONENTS {
             state[n] = SecondDual { value: y[n], slope: [RunDual::constant(along[n])] };
         }
-        let input = drive.at(SecondDual { value: tau, slope: [RunDual::constant(by)] });
+        let input = drive.at(SecondDual { value: tau, slope: [by] });
         let at = StageState { from: &state, by: SecondDual::zero(), along: &state };
         let mut rate = [SecondDual::zero(); MAX_COMPONENTS];
         let mut second = SegmentDrive::still();
+        second.contacts = drive.contacts.map(<SecondDual<R> as Lift<RunDual<R>>>::lift);
         second.frame =
             drive.frame.as_ref().map(|frame| frame.lifted(<SecondDual<R> as Lift<RunDual<R>>>::lift).into());
         system.rates(&input, &second, at, &mut rate);

@@ -6,10 +6,11 @@
 //! little (measured: docs/what-a-scene-pays.md), so step loops and methods are compiled once, not once for each
 //! formulation.
 
+use crate::formulation::equations::size_of;
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
 use crate::formulation::{
-    AnyParts, ApplyJump, ContactEquations, ContactJump, Csm, Equations, Evaluation, Formulation,
+    AnyParts, ApplyJump, Carried, ContactEquations, ContactJump, Csm, Equations, Evaluation, Formulation,
     MAX_COMPONENTS, Size, StageState, States, System, Unilateral, for_fingers,
 };
 use crate::model::{
@@ -42,29 +43,20 @@ macro_rules! with {
 }
 pub(crate) use with;
 
-/// The numbers of components of the equations' states, with or without the works of the ledger.
-#[inline(always)]
-pub(super) fn size_of<R: Real, E: Equations<R>>(equations: &E, driven: bool, ledger: bool) -> Size {
-    let works = if ledger { equations.works() + usize::from(equations.plant().moves) } else { 0 };
-    let relaxations = equations.relaxations();
-    Size { states: equations.states(driven), degrees: equations.degrees(driven), works, relaxations }
-}
-
-/// The choice of equations, and whether their state carries the ledger.
+/// The choice of equations, and what their state carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Choice {
     pub formulation: Formulation,
     pub contact: ContactModel,
     pub fingers: Fingers,
     pub moves: bool,
-    /// Whether the state carries the works of the ledger.
-    pub ledger: bool,
+    pub carried: Carried,
 }
 
 /// The equations of a scene, or of one scene for each lane, after the choice.
 #[derive(Debug, Clone, Copy)]
 pub struct SceneEquations<R> {
-    pub(crate) ledger: bool,
+    pub(crate) carried: Carried,
     /// Whether the formulation puts the state back on the constraints at the end of a step.
     pub(crate) corrects: bool,
     pub(crate) kind: EquationKind<R>,
@@ -92,7 +84,7 @@ impl<R: Lanes> SceneEquations<R> {
     /// Builds the equations of a scene, or of one scene for each lane.
     pub fn new(choice: Choice, source: &impl Source<R>, gains: &Stabilization) -> Self {
         Self {
-            ledger: choice.ledger,
+            carried: choice.carried,
             corrects: choice.formulation == Formulation::Projected,
             kind: R::outlined(Build { choice, source, gains }),
         }
@@ -122,17 +114,18 @@ impl<R: Lanes> SceneEquations<R> {
 #[inline(always)]
 fn copy_computed<R: Real, E: Equations<R>>(
     equations: &E,
-    (driven, ledger): (bool, bool),
+    (driven, carried): (bool, Carried),
     rate: &mut States<R>,
     found: &States<R>,
 ) {
     for_fingers!(driven, driven => {
         let states = equations.states(driven);
         rate[..states].copy_from_slice(&found[..states]);
-        if ledger {
-            // That of the hand's motion is zero if there is none.
-            let works = states..states + equations.works() + 1;
-            rate[works.clone()].copy_from_slice(&found[works]);
+        let opens = equations.opens();
+        if carried.ledger || opens && carried.slips {
+            // The power of the hand's motion and the speed of slips are zero if there are none.
+            let end = (states + equations.works() + 1 + usize::from(opens)).min(MAX_COMPONENTS);
+            rate[states..end].copy_from_slice(&found[states..end]);
         }
     });
 }
@@ -141,13 +134,13 @@ fn copy_computed<R: Real, E: Equations<R>>(
 #[inline(always)]
 pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
     equations: &E,
-    (driven, ledger): (bool, bool),
+    (driven, carried): (bool, Carried),
     (applied, contacts): (Applied<'_, R>, &Contacts<R>),
     y: &States<R>,
     now: &mut Evaluation<R>,
 ) {
-    let found = equations.evaluate(driven, applied, contacts, y, ledger);
-    copy_computed(equations, (driven, ledger), &mut now.rate, &found.rate);
+    let found = equations.evaluate(driven, applied, contacts, y, carried);
+    copy_computed(equations, (driven, carried), &mut now.rate, &found.rate);
     // The paper's tips have no branches.
     let before = now.motion.relaxation;
     now.motion = found.motion;
@@ -169,7 +162,7 @@ pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
 #[inline(always)]
 pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
     equations: &E,
-    (driven, ledger): (bool, bool),
+    (driven, carried): (bool, Carried),
     (applied, contacts): (Applied<'_, R>, &Contacts<R>),
     at: StageState<'_, R>,
     rate: &mut States<R>,
@@ -181,8 +174,8 @@ pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
             y[n] = along[n].mul_add(by, from[n]);
         }
     });
-    let found = equations.evaluate(driven, applied, contacts, &y, ledger).rate;
-    copy_computed(equations, (driven, ledger), rate, &found);
+    let found = equations.evaluate(driven, applied, contacts, &y, carried).rate;
+    copy_computed(equations, (driven, carried), rate, &found);
 }
 
 /// Evaluates an expression for the fingers of the equations. If the constant in brackets is true, the code is compiled
@@ -204,18 +197,18 @@ pub(super) use for_fingers_of;
 task! {
     ['a, R: Lanes, E: Equations<R>]
     Evaluate<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, moving: Option<&'a FrameLoads<R>>,
-        y: &'a States<R>, now: &'a mut Evaluation<R>, ledger: bool)
+        y: &'a States<R>, now: &'a mut Evaluation<R>, carried: Carried)
     for R => () = for_fingers_of!(equations, driven [R::ORDER == 0 && E::Parts::PAPERS] => {
-        evaluate_into(equations, (driven, ledger), ((&drive.at(tau), moving), &drive.contacts), y, now);
+        evaluate_into(equations, (driven, carried), ((&drive.at(tau), moving), &drive.contacts), y, now);
     })
 }
 task! {
     ['a, R: Lanes, E: Equations<R>]
     Rates<'a, R, E>(equations: &'a E, input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>,
         contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>,
-        ledger: bool)
+        carried: Carried)
     for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS && (R::ORDER == 0 || !equations.opens())] => {
-        rates_into(equations, (driven, ledger), ((input, moving), contacts), StageState { from, by, along }, rate);
+        rates_into(equations, (driven, carried), ((input, moving), contacts), StageState { from, by, along }, rate);
     })
 }
 
@@ -248,8 +241,8 @@ impl<R: Lanes, T: Lift<R>> Load<'_, R, T> {
 
 task! {
     ['a, R: Lanes, E: Equations<R>]
-    Jump<'a, R, E>(equations: &'a E, input: &'a Input<R>, y: &'a mut States<R>, impulse: &'a [R; 3], ledger: bool)
-    for R => () = equations.jump(input, y, impulse, ledger)
+    Jump<'a, R, E>(equations: &'a E, input: &'a Input<R>, y: &'a mut States<R>, impulse: &'a [R; 3], carried: Carried)
+    for R => () = equations.jump(input, y, impulse, carried)
 }
 task! {
     ['a, R: Lanes, E: Equations<R>]
@@ -258,10 +251,10 @@ task! {
 }
 task! {
     ['a, R: Lanes, E: Equations<R>]
-    Correct<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, ledger: bool)
+    Correct<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, carried: Carried)
     for R => () = if equations.drifts() {
         let driven = equations.plant().driven;
-        projected::correct(equations, (driven, ledger), &drive.at(tau), &drive.contacts, y);
+        projected::correct(equations, (driven, carried), &drive.at(tau), &drive.contacts, y);
     }
 }
 
@@ -273,9 +266,9 @@ impl<R: Lanes> SceneEquations<R> {
 
     /// Adds the velocity jump that an impulse makes ([`Equations::jump`]).
     pub fn jump(&self, input: &Input<R>, y: &mut States<R>, impulse: &[R; 3]) {
-        let ledger = self.ledger;
+        let carried = self.carried;
         with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => {
-            R::outlined(Jump { equations, input, y, impulse, ledger });
+            R::outlined(Jump { equations, input, y, impulse, carried });
         });
     }
 
@@ -290,9 +283,9 @@ impl<R: Lanes> SceneEquations<R> {
         if !self.corrects {
             return;
         }
-        let ledger = self.ledger;
+        let carried = self.carried;
         with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            R::outlined(Correct { equations, drive, tau, y, ledger });
+            R::outlined(Correct { equations, drive, tau, y, carried });
         });
     }
 
@@ -313,24 +306,24 @@ impl<R: Lanes> SceneEquations<R> {
     }
 }
 
-/// Numbers with second derivatives are those of bilateral runs, so no code of unilateral contact is compiled for them.
+/// Of numbers with second derivatives only rates are wanted, so no other code of unilateral contact is compiled for them.
 impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn size(&self) -> Size {
         with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            size_of(equations, equations.plant().driven, self.ledger)
+            size_of(equations, equations.plant().driven, self.carried)
         })
     }
 
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
-        let (ledger, mut moving) = (self.ledger, None);
+        let (carried, mut moving) = (self.carried, None);
         if let Some(frame) = &drive.frame {
             moving = Some(self.loads(frame, &R::outlined(InputAt { drive, tau }), (y, &R::zero(), y)));
         }
         let moving = moving.as_ref();
         with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            R::outlined(Evaluate { equations, drive, tau, moving, y, now, ledger });
+            R::outlined(Evaluate { equations, drive, tau, moving, y, now, carried });
         });
     }
 
@@ -338,13 +331,13 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     fn rates(&self, input: &Input<R>, drive: &SegmentDrive<R>, at: StageState<'_, R>, rate: &mut States<R>) {
         // In one piece the stage would be copied, as vectors that wait for the stores of its parts.
         let StageState { from, by, along } = at;
-        let (contacts, ledger, mut moving) = (&drive.contacts, self.ledger, None);
+        let (contacts, carried, mut moving) = (&drive.contacts, self.carried, None);
         if let Some(frame) = &drive.frame {
             moving = Some(self.loads(frame, input, (from, &by, along)));
         }
         let moving = moving.as_ref();
-        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            R::outlined(Rates { equations, input, moving, contacts, from, by, along, rate, ledger });
+        with!(self.kind, equations [true, R::ANY_PARTS] => {
+            R::outlined(Rates { equations, input, moving, contacts, from, by, along, rate, carried });
         });
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::formulation::{Evaluation, MAX_COMPONENTS, Runs, States};
 use crate::model::{Input, SegmentDrive};
-use crate::number::{Lanes, inlined};
+use crate::number::{Lanes, Real, inlined};
 
 /// The numbers of components of a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -12,6 +12,8 @@ pub struct Size {
     pub degrees: usize,
     /// Number of works of the ledger that follow the states; 0 if the state does not carry them.
     pub works: usize,
+    /// One if the distance of slips follows the works, else zero.
+    pub slips: usize,
     /// Number of states of Maxwell branches, which are among the states.
     pub relaxations: usize,
 }
@@ -21,8 +23,14 @@ pub const BLOCK: usize = 4;
 
 impl Size {
     inlined! {
-        pub all(self) -> usize = self.states + self.works;
+        pub all(self) -> usize = self.states + self.works + self.slips;
         pub blocks(self) -> usize = self.all().div_ceil(BLOCK).min(MAX_COMPONENTS / BLOCK);
+    }
+
+    /// The distance of slips in a state; zero if it does not carry it.
+    #[inline(always)]
+    pub fn slipped<R: Real>(self, y: &States<R>) -> R {
+        if self.slips > 0 { y[self.all() - 1] } else { R::zero() }
     }
 
     /// Calls `work` for each component of a state, and for the zeros that fill the last block. The length of

@@ -2,14 +2,16 @@
 
 use std::marker::PhantomData;
 
-use crate::formulation::equations::evaluated;
-use crate::formulation::scene_equations::{Load, for_fingers_of, size_of};
+use crate::formulation::equations::{evaluated, size_of};
+use crate::formulation::scene_equations::{Load, for_fingers_of};
 use crate::formulation::{
-    AnyParts, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS, SceneEquations,
-    StageState, States, System, Unilateral, for_fingers, with,
+    AnyParts, Carried, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS,
+    SceneEquations, StageState, States, System, Unilateral, for_fingers, with,
 };
 use crate::model::{Constants, Contacts, FrameMotion, Input, Parameters, SegmentDrive, Stabilization};
-use crate::number::{Dual, LaneKernel, LaneTask, Lanes, MOST, Real, call_four_lanes, gathered, spread, task};
+use crate::number::{
+    Dual, LaneKernel, LaneTask, Lanes, Lift, MOST, Real, call_four_lanes, gathered, spread, task,
+};
 
 /// How many directions are computed at once in lanes of several runs. With three no direction is left over: there are 21, 15
 /// or 9 with that of time.
@@ -26,12 +28,12 @@ pub enum Tangent<R> {
 task! {
     /// Computes a Jacobian in sweeps over the directions.
     ['a, R: Lanes, E: Equations<Dual<R, IN_LANES>>]
-    Sweeps<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>, ledger: bool,
+    Sweeps<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, y: &'a States<R>, carried: Carried,
         jacobian: &'a mut Jacobian<R>)
     for Dual<R, IN_LANES> => () = {
-        let contacts = drive.contacts.lifted();
+        let contacts = drive.contacts.map(Dual::lift);
         for_fingers_of!(equations, driven [true] => {
-            let size = size_of(equations, driven, ledger);
+            let size = size_of(equations, driven, carried);
             let (states, all) = (size.states, size.all());
             let (mut first, mut duals) = (0, [Dual::constant(0.0); MAX_COMPONENTS]);
             while first <= states {
@@ -50,7 +52,7 @@ task! {
                 }
                 let applied = (&input, moving.as_ref());
                 // Not called: inlined it is much faster, in unilateral contact too.
-                let rate = evaluated(equations, driven, applied, &contacts, &duals, ledger).rate;
+                let rate = evaluated(equations, driven, applied, &contacts, &duals, carried).rate;
                 for n in 0..all {
                     jacobian.rows[n][first..first + IN_LANES].copy_from_slice(&rate[n].slope);
                 }
@@ -71,7 +73,7 @@ pub struct Seeded<D> {
 
 task! {
     ['a, D: Lanes, E: Equations<D>]
-    Evaluate<'a, D, E>(equations: &'a E, at: &'a Seeded<D>, ledger: bool) for D => Evaluation<D> = {
+    Evaluate<'a, D, E>(equations: &'a E, at: &'a Seeded<D>, carried: Carried) for D => Evaluation<D> = {
         let (plant, driven) = (equations.plant(), equations.plant().driven);
         let Seeded { input, frame, contacts, y } = at;
         let mut moving = None;
@@ -80,15 +82,15 @@ task! {
             let (pose, rates) = ([y[0], y[1], y[2]], [y[first], y[first + 1], y[first + 2]]);
             moving = Some(plant.loads(frame, &input.force, pose, rates));
         }
-        equations.evaluate(driven, (input, moving.as_ref()), contacts, y, ledger)
+        equations.evaluate(driven, (input, moving.as_ref()), contacts, y, carried)
     }
 }
 
 impl<X: Lanes> SceneEquations<Dual<X, 1>> {
     /// Evaluates a state, with a direction in each lane.
     pub(crate) fn seeded(&self, at: &Seeded<Dual<X, 1>>) -> Evaluation<Dual<X, 1>> {
-        let ledger = self.ledger;
-        with!(self.kind, equations [true, true] => Dual::outlined(Evaluate { equations, at, ledger }))
+        let carried = self.carried;
+        with!(self.kind, equations [true, true] => Dual::outlined(Evaluate { equations, at, carried }))
     }
 }
 
@@ -162,9 +164,9 @@ impl<R: Lanes> Linear<R> for Tangent<R> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
         match self {
             Self::InLanes(system) if R::WIDTH > 1 => {
-                let ledger = system.ledger;
+                let carried = system.carried;
                 with!(system.kind, equations [true, false] => {
-                    Dual::outlined(Sweeps { equations, drive, tau, y, ledger, jacobian });
+                    Dual::outlined(Sweeps { equations, drive, tau, y, carried, jacobian });
                 });
             }
             Self::InLanes(_) => unreachable!("single runs are swept"),

@@ -69,7 +69,7 @@ impl<S: System<f64>> Scheme<S> for ImplicitMidpoint {
         for n in 0..size.states {
             next[n] = 2.0f64.mul_add(z[n], step.y[n]);
         }
-        if size.works > 0 {
+        if size.all() > size.states {
             let powers = problem.rates(0.5, &z, stats);
             for n in size.states..size.all() {
                 next[n] = step.h.mul_add(powers[n], step.y[n]);

@@ -239,6 +239,7 @@ mod tests {
     use nalgebra::{Complex, DMatrix, DVector, SMatrix, Vector3};
 
     use super::*;
+    use crate::formulation::equations::Carried;
     use crate::formulation::scene_equations::{Choice, SceneEquations};
     use crate::formulation::system::{Linear, System};
     use crate::formulation::table::Formulation;
@@ -305,7 +306,13 @@ mod tests {
         ledger: bool,
     ) -> (SceneEquations<f64>, Tangent<f64>) {
         let gains = Stabilization { alpha: 1000.0, beta: 700.0 };
-        let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers, moves: false, ledger };
+        let choice = Choice {
+            formulation,
+            contact: ContactModel::Bilateral,
+            fingers,
+            moves: false,
+            carried: Carried { ledger, slips: false },
+        };
         let (own, gains) = (&parameters(), &gains);
         let runs = Runs { choice, parameters: [own; MOST], gains };
         (runs.system(), runs.tangent())

@@ -211,7 +211,7 @@ impl<S: System<f64>> Scheme<S> for Radau5 {
                 break;
             }
         }
-        if size.works > 0 {
+        if size.all() > size.states {
             // The works are the integrals of the powers, by the same tableau.
             let works = transform(size, &A, &slopes(problem, &z, stats));
             for (z, works) in z.iter_mut().zip(works) {

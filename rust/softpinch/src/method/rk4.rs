@@ -76,7 +76,7 @@ impl<R: Lanes> Integrator<R, SceneEquations<R>> for Rk4InLanes<R> {
     fn step(&mut self, step: &Step<'_, R>, next: &mut States<R>, stats: &mut Stats) -> StepResult {
         let &Step { system: called, drive, tau, h, y, rate, allowed } = step;
         let (method, inlines) =
-            (&mut self.0, |plant: &Plant<R>| !(called.ledger || plant.driven || plant.moves));
+            (&mut self.0, |plant: &Plant<R>| !(called.carried.ledger || plant.driven || plant.moves));
         match &called.kind {
             EquationKind::Csm(equations) if inlines(&equations.plant) => {
                 let system = &Inlined::<_, _, false> { equations, called };

@@ -33,14 +33,19 @@ pub struct SolvedStep<'a, R> {
 
 impl<R: Lanes> SolvedStep<'_, R> {
     /// The rates at the share `c` of the step, where the state differs from the one at its start by `z`, which has no
-    /// derivatives; and the Jacobian there, which `tangent` computes. `z` is zero beyond the states of the motion.
+    /// derivatives; and the Jacobian there, which `tangent` computes. `z` is zero beyond the states of the motion. The rates
+    /// count by the length, which has derivatives where it leads to an event: h k is h0 times k h / h0.
     #[inline(always)]
     fn stage(&self, tangent: &impl Linear<f64>, c: f64, z: &States<f64>) -> (States<RunDual<R>>, Jacobian) {
         let &Step { system, drive, tau, h, y, .. } = self.step;
-        let tau = tau + RunDual::constant(c * h.lane(0));
+        let tau = tau + RunDual::constant(c) * h;
         let at = StageState { from: y, by: RunDual::constant(1.0), along: &z.map(RunDual::constant) };
         let mut rates = [RunDual::zero(); MAX_COMPONENTS];
         system.rates(&drive.at(tau), drive, at, &mut rates);
+        let share = h / RunDual::constant(h.lane(0));
+        for rate in &mut rates {
+            *rate = *rate * share;
+        }
         let mut y = values(y);
         for n in 0..system.size().states {
             y[n] += z[n];
@@ -113,6 +118,13 @@ impl<R: Lanes> RunDualMethod<R> {
         solved.drive = drive;
     }
 
+    /// Takes the next step with a Jacobian of its own, as runs do at events of contacts.
+    pub fn restart(&mut self) {
+        if let Self::Solved(solved) = self {
+            solved.method.restart();
+        }
+    }
+
     pub fn step(
         &mut self,
         equations: &RunDualEquations<R>,
@@ -124,6 +136,7 @@ impl<R: Lanes> RunDualMethod<R> {
             Self::Explicit(method) => return method.step(step, next, stats),
             Self::Solved(solved) => &mut **solved,
         };
+        plain_drive.contacts = step.drive.contacts.map(|tilt| tilt.lane(0));
         let (y, rate) = (values(step.y), values(step.rate));
         let (tau, h) = (step.tau.lane(0), step.h.lane(0));
         let plain = Step { system, drive: plain_drive, tau, h, y: &y, rate: &rate, allowed: None };
@@ -214,7 +227,9 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
     fn differentiate(&self, solved: &SolvedStep<'_, R>) -> States<RunDual<R>> {
         let &SolvedStep { equations, step: &Step { system, drive, tau, h, y, rate, .. }, .. } = solved;
         let size = system.size();
-        let h = h.lane(0);
+        let (length, h) = (h, h.lane(0));
+        // The value is zero: 1 / h has a derivative where the length has one.
+        let inverse = RunDual::constant(1.0) / length - RunDual::constant(1.0 / h);
         let linearization = Linearization::of(size, self.linearization.jacobian.everywhere());
         let factors = linearization.factor(LaneEntry(R::constant(1.0 / (GAMMA * h))));
         let mut stages = [[RunDual::zero(); MAX_COMPONENTS]; STAGES];
@@ -224,14 +239,16 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
                 at = *y;
                 plus(&mut at, &stages, &A[i][..i], 1.0);
                 let state = StageState { from: &at, by: RunDual::zero(), along: y };
-                let input = drive.at(tau + RunDual::constant(C[i] * h));
+                let input = drive.at(tau + RunDual::constant(C[i]) * length);
                 system.rates(&input, drive, state, &mut load);
             }
             plus(&mut load, &stages, &COUPLING[i][..i], 1.0 / h);
             let own = &self.stages[i];
-            let change = equations.along(drive, (tau, y), (own, BY_TIME[i] * h));
+            let change = equations.along(drive, (tau, y), (own, RunDual::constant(BY_TIME[i]) * length));
             for n in 0..size.all() {
-                load[n] = load[n] + change[n];
+                let terms = COUPLING[i][..i].iter().zip(&self.stages).map(|(c, stage)| c * stage[n]);
+                let coupled = RunDual::constant(terms.sum::<f64>() - own[n] / GAMMA);
+                load[n] = load[n] + change[n] + inverse * coupled;
             }
             let slopes = solve_slopes(&linearization, &factors, &load);
             for n in 0..size.all() {

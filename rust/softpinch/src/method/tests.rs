@@ -49,7 +49,7 @@ impl Equation {
 
 impl<R: Lanes> System<R> for Equation {
     fn size(&self) -> Size {
-        Size { states: 2, degrees: 1, works: 0, relaxations: 0 }
+        Size { states: 2, degrees: 1, works: 0, slips: 0, relaxations: 0 }
     }
 
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {

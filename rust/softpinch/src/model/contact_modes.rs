@@ -14,7 +14,7 @@
 //! ([`SegmentDrive`](crate::model::drive::SegmentDrive)). In the bilateral model both tips stick for ever.
 
 use crate::names::named;
-use crate::number::{Bits, Dual, Lanes, Lift, inlined, spread};
+use crate::number::{Bits, Dual, Lanes, inlined, spread};
 
 named! {
     /// What the contacts can do.
@@ -134,11 +134,11 @@ impl<R: Lanes> Contacts<R> {
         Self { up: [0; 2], down: [0; 2], graze: [0; 2], free: [0; 2], frozen_tilt: [R::zero(); 2] }
     }
 
-    /// The same contacts for numbers that consist of lanes.
+    /// The same contacts for numbers of another kind.
     #[inline(always)]
-    pub fn lifted<T: Lift<R>>(&self) -> Contacts<T> {
+    pub fn map<T>(&self, of: impl Fn(R) -> T) -> Contacts<T> {
         let Self { up, down, graze, free, frozen_tilt: [right, left] } = *self;
-        Contacts { up, down, graze, free, frozen_tilt: [T::lift(right), T::lift(left)] }
+        Contacts { up, down, graze, free, frozen_tilt: [of(right), of(left)] }
     }
 
     /// The same contacts for vectors that hold these lanes several times.

@@ -281,6 +281,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
     fn begin(&mut self, system: &SceneEquations<R>, changed: Bits, y: &mut States<R>) {
         let round_off;
         (self.limits, self.half_width, round_off) = R::outlined(Numbers { source: &self.parameters() });
+        self.limits.ends = self.options.stop_on;
         let start = system.begin(&self.start);
         for (number, initial) in y.iter_mut().zip(start) {
             *number = R::select(changed, initial, *number);
@@ -310,7 +311,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let (mut closure, mut unstable) = (R::zero(), 0);
         if size.works > 0 {
             let energies = system.called().energies(&self.drive.contacts, &now.motion);
-            let works = &y[size.states..size.all()];
+            let works = &y[size.states..][..size.works];
             closure = energy::closure(&self.initial_energies, &energies, works);
             let guarded = self.guarded & watched;
             if guarded != 0 {
@@ -344,8 +345,8 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             self.shown = any;
         }
         if self.summaries.wanted.set != SummarySet::default() {
-            let (half_width, slip_speed) = (self.half_width, self.slip_speed(&now.residuals));
-            let instant = SummaryInstant { t, now, slip_speed, closure, half_width };
+            let instant =
+                SummaryInstant { t, now, slipped: size.slipped(y), closure, half_width: self.half_width };
             self.summaries.watch(&instant, seen);
             if self.summaries.wanted.set.contains(Summary::Margin) {
                 let contacts = self.unilateral.then_some(&self.drive.contacts);
@@ -472,7 +473,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let (free_time, closed) = found.unwrap_or((0.0, true));
         let holds = completed && closed && self.lost_grip >> lane & 1 == 0;
         let missing = (run.scene.initial.time + run.scene.duration - last.t) / run.scene.duration;
-        let run_end = RunEnd { from, completed, holds, missing, free_time };
+        let run_end = RunEnd { from, completed, holds, missing, free_time, slipped: last.slipped };
         let initial_energies = (system.size().works > 0).then(|| self.initial_energies.lane(lane));
         let controller = run.controller.map(|controller| {
             let mut row = Vec::new();

@@ -1,15 +1,20 @@
 //! The changes of the contacts' modes: what happens at an event, and the choice of the next modes.
 
 use crate::formulation::{Chosen, ContactJump, Equations, choose, contacts_in};
-use crate::model::{Coordinates, Mode, Motion, Slip, work};
-use crate::stepping::{Cause, Change, Event, EventResult, EventStepper, Loss, Passage, Reason, SegmentState};
+use crate::model::{Coordinates, Mode, Motion, Slip, each_coordinate, work};
+use crate::stepping::{
+    Cause, Change, Event, EventResult, EventStepper, Loss, Passage, Reason, SegmentState, Violation,
+};
 
 /// The share of a step after which the choice of modes is checked on a border.
 const MOMENT: f64 = 1.0 / 8192.0;
 /// A state is on its constraints up to this share of its largest numbers.
 const ON_CONSTRAINTS: f64 = 1e-12;
-/// A contact that an impact opens for less than this share of a step stays closed.
-const SETTLED: f64 = 1.0 / (1u64 << 20) as f64;
+/// Flights of contacts that open each other in turn are summed where they are lower than this share of the gap's terms: some
+/// 1e-11 m, a tenth of an atom.
+const LOW: f64 = 1e-10;
+/// A tip bounces no more where the height of its flight is below this many units of round-off of the gap.
+const BOUNCE: f64 = 1024.0 * f64::EPSILON;
 /// At the start the surface of a tip takes an overlap with the face beyond this share of the tip's radius, although
 /// the contact opens. Less is round-off.
 const OVERLAP: f64 = 1e-6;
@@ -25,12 +30,12 @@ impl EventStepper<'_> {
     pub fn start(&mut self, place: &mut SegmentState, approaches: bool) -> EventResult {
         let mut motion = self.motion(place);
         let before = self.energy(&motion);
+        let overlap = self.equations.plant().sides.map(|side| OVERLAP * side.radius);
         for i in 0..2 {
             let geometry = self.geometry(&motion);
             let (gap, beside) =
                 (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height[i]);
-            let radius = self.equations.plant().sides[i].radius;
-            if self.run.contacts[i].closed || (beside && gap < -OVERLAP * radius) {
+            if self.run.contacts[i].closed || (beside && gap < -overlap[i]) {
                 self.jump(&mut motion, ContactJump::Meet(i));
             }
         }
@@ -85,11 +90,16 @@ impl EventStepper<'_> {
                 let loss = if left == Mode::Free { Loss::Apart } else { Loss::OffFace(i) };
                 return Err(place.end(Reason::Lost(loss)));
             }
+            Cause::Crushed => return Err(place.end(Reason::Broken(Violation::Crushed))),
+            Cause::Folded => return Err(place.end(Reason::Broken(Violation::Folded))),
             Cause::Impact => {
-                let mut touching = self.run.contacts.map(|contact| contact.closed);
-                touching[i] = true;
+                let approach = -self.geometry(&motion).constraint_velocity()[i];
+                let touched = self.run.contacts[1 - i].closed;
                 self.meet(place, &mut motion, i)?;
-                self.settle(place, touching, &mut motion);
+                let [own, other] = [i, 1 - i].map(|k| self.run.contacts[k].closed);
+                if own && touched && !other {
+                    self.settle(place, (i, approach), &mut motion);
+                }
             }
             Cause::Relaxed => {
                 let (masses, p) = (&self.equations.plant().masses, &motion.p);
@@ -122,46 +132,88 @@ impl EventStepper<'_> {
             // The tip is already behind the face and now comes beside it: it meets the face's end.
             return Err(place.end(Reason::Lost(Loss::MetEnd(i))));
         }
-        let frozen = self.energy(motion);
+        let (frozen, low) = (self.energy(motion), self.is_low(place, motion, i));
         self.jump(motion, ContactJump::Meet(i));
         let moved = self.energy(motion);
         self.run.contacts[i].closed = true;
         let live = self.energy(motion);
         self.book(place, work::CONSTRAINT, moved - frozen);
         self.book(place, work::RELAXATION, live - moved);
-        let approach = self.geometry(motion).constraint_velocity()[i];
-        if approach < 0.0 {
+        if !low {
             self.collide(place, motion, &[0.0; 3]);
-        } else {
-            // By round-off the tip meets the face that it is leaving. It has not left then.
-            self.run.log.push(Passage::Undefined("a tip just touches its face"));
-            self.run.contacts[i].slip = Slip::of(geometry.residuals()[2 + i], 0.0);
+            return Ok(());
         }
+        self.run.log.push(Passage::Undefined("a tip just touches its face"));
+        self.run.contacts[i].slip = Slip::of(geometry.residuals()[2 + i], 0.0);
+        let held = self.run.contacts.map(|contact| match contact.slip {
+            _ if !contact.closed => Mode::Free,
+            slip => slip.map_or(Mode::Stick, Mode::Slip),
+        });
+        self.jump(motion, ContactJump::Impact(held));
+        self.book(place, work::IMPACT, live - self.energy(motion));
         Ok(())
     }
 
-    /// Closes those of the contacts that were `touching` before an impact which it has opened for less than a
-    /// moment: contacts that open each other in turn, ever more briefly, come to rest so.
-    fn settle(&mut self, place: &mut SegmentState, touching: [bool; 2], motion: &mut Motion<f64>) {
-        if self.run.contacts.iter().zip(touching).all(|(contact, touching)| contact.closed || !touching) {
+    /// Whether a free tip meets the face with less than the speed of a fall from a height near round-off. A tip that another
+    /// contact throws off again and again, ever lower, comes to rest so: the impulses, of any sign, are those of the flights
+    /// and impacts that would follow. By round-off a tip may also meet the face that it is leaving; it has not left then.
+    fn is_low(&self, place: &SegmentState, motion: &Motion<f64>, i: usize) -> bool {
+        let terms = self.equations.terms(&self.input(place.tau), &self.drive.contacts, motion);
+        let speed = terms.geometry.constraint_velocity()[i];
+        let falls = -(self.equations.swept(&terms)[i] + terms.geometry.bias()[i]);
+        speed >= 0.0 || speed * speed <= 2.0 * falls * self.scale(motion, i) * BOUNCE
+    }
+
+    /// The size of the numbers of which the gap of contact i is the difference, m.
+    fn scale(&self, motion: &Motion<f64>, i: usize) -> f64 {
+        let [x, y, _] = motion.q.object;
+        x.abs() + y.abs() + motion.q.compression[i].abs()
+    }
+
+    /// The impact of contact i, which met its face with the speed `approach`, has opened the other contact j, which touched
+    /// its face. If j in turn opens i as it falls back, the flights become shorter by the same factor each time, infinitely
+    /// many in a finite time, after which both are closed. Once they are low, the rest of them is summed here: while contact
+    /// k flies, the acceleration is that of k free, and the impulses, of any sign, end the velocities of both gaps.
+    fn settle(&mut self, place: &mut SegmentState, (i, approach): (usize, f64), motion: &mut Motion<f64>) {
+        let (j, now, tilts) = (1 - i, self.run.contacts, self.equations.tilts(&motion.q));
+        let (before, input) = (self.energy(motion), self.input(place.tau));
+        let velocity = |motion: &Motion<f64>| self.geometry(motion).constraint_velocity();
+        let rates = velocity(motion);
+        let sticks = [0, 1].map(|k| if k == j { now[j].mode == Mode::Stick } else { now[i].slip.is_none() });
+        let slips = [0, 1].map(|k| if sticks[k] { None } else { Slip::of(rates[2 + k], 0.0) });
+        let held = slips.map(|slip| slip.map_or(Mode::Stick, Mode::Slip));
+        let only = |free: Option<usize>| [0, 1].map(|k| if free == Some(k) { Mode::Free } else { held[k] });
+        // The acceleration while a contact or none is free, that with which its gap closes, and what presses the other one.
+        let flight = |free: Option<usize>| {
+            let terms = self.equations.terms(&input, &contacts_in(only(free), &now, tilts), motion);
+            let (swept, bias) = (self.equations.swept(&terms), terms.geometry.bias());
+            let found = free.map_or([0.0; 2], |k| [-(swept[k] + bias[k]), terms.response.multipliers[1 - k]]);
+            (terms.response.acceleration, found)
+        };
+        let [(of_i, [falls_i, presses_j]), (of_j, [falls_j, presses_i])] = [i, j].map(|k| flight(Some(k)));
+        let (speed, (both, _), mut settled) = (rates[j], flight(None), *motion);
+        self.equations.jump(ContactJump::Impact(only(Some(i))), &mut settled);
+        // The speed with which contact i opens when j has met its face.
+        let back = -velocity(&settled)[i];
+        let rest = 1.0 - back / approach;
+        // The sum has the order of the flights only if both slip, and none opens by itself in the flight of the other one.
+        let exact = !(sticks[i] || sticks[j]) && presses_i > 0.0 && presses_j > 0.0;
+        let low = if exact { LOW } else { BOUNCE } * self.scale(motion, j);
+        let falls_back = [back, rest, falls_i, falls_j].iter().all(|&number| number > 0.0);
+        if !(falls_back && speed * speed < 2.0 * falls_j * low) {
             return;
         }
-        let before = self.energy(motion);
-        let contacts = self.run.held(self.equations.tilts(&motion.q));
-        let terms = self.equations.terms(&self.input(place.tau), &contacts, motion);
-        let rates = terms.geometry.constraint_velocity();
-        let (swept, bias) = (self.equations.swept(&terms), terms.geometry.bias());
-        for i in 0..2 {
-            // The time aloft is 2 g-dot / |g-dot-dot|.
-            let aloft = 2.0 * rates[i] < SETTLED * self.h * -(swept[i] + bias[i]);
-            if touching[i] && !self.run.contacts[i].closed && aloft {
-                motion.p.compression[i] -= rates[i];
-                self.run.log.push(Passage::Undefined("the contacts open each other in turn"));
-                self.run.contacts[i].closed = true;
-                self.run.contacts[i].slip = Slip::of(rates[2 + i], 0.0);
-            }
+        let [t_i, t_j] = [back / falls_i, speed / falls_j].map(|time| 2.0 * time / rest);
+        let p = motion.p;
+        settled.p = each_coordinate!([p, of_i, of_j, both] => p + t_i * (of_i - both) + t_j * (of_j - both));
+        self.equations.jump(ContactJump::Impact(held), &mut settled);
+        let after = velocity(&settled);
+        if (0..2).all(|k| sticks[k] || Slip::of(after[2 + k], 0.0) == slips[k]) {
+            *motion = settled;
+            self.run.log.push(Passage::Undefined("the contacts open each other in turn"));
+            (self.run.contacts[j].closed, self.run.contacts[j].slip) = (true, slips[j]);
+            self.book(place, work::IMPACT, before - self.energy(motion));
         }
-        self.book(place, work::CONSTRAINT, self.energy(motion) - before);
     }
 
     /// The impact law for all closed contacts, with an impulse on the object.

@@ -5,11 +5,12 @@ use crate::method::Unsolved;
 use crate::model::{Contacts, Mode};
 use crate::names::named;
 use crate::number::Lanes;
+use crate::stepping::Violation;
 
 named! {
     /// What ends a mode.
     Cause;
-    /// No change of a mode has the last one, which ends the run.
+    /// No change of a mode has the last three, which end the run.
     CAUSES = {
         /// The start of the run, a breakpoint of an input, or an impulse: the modes were chosen anew.
         Input = "input",
@@ -29,6 +30,9 @@ named! {
         Other = "other",
         /// The object is lost: a closed contact left its face, a free tip met its end, or neither tip is beside it.
         Lost = "lost",
+        /// A closed tip was pressed flat, or tilted by 90 degrees, and the run was to end there.
+        Crushed = "crushed",
+        Folded = "folded",
     }
 }
 
@@ -62,6 +66,8 @@ pub(crate) enum Loss {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Reason {
     Lost(Loss),
+    /// A violation that was to end the run, and that events locate.
+    Broken(Violation),
     /// More than [`MOST_EVENTS`] events within one step.
     Chattering,
     NoMode,

@@ -6,14 +6,15 @@ use crate::error::Result;
 use crate::formulation::{Contact, Evaluation, Size, States, System};
 use crate::method::{Stats, Unsolved};
 use crate::model::{
-    ContactRow, Geometry, Mode, Motion, Parameters, Scene, SegmentDrive, Slip, State, allowed_residuals,
+    ContactRow, Contacts, Geometry, Mode, Motion, Parameters, Scene, SegmentDrive, Slip, State,
+    allowed_residuals,
 };
 use crate::number::{Bits, Lanes};
 use crate::stepping::ending;
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::{
     Change, ContactEnd, ContactRun, End, EventResult, EventStepper, Instant, LaneBatch, Limits, Options,
-    Reason, SegmentState, Steps, VIOLATIONS, Violation, watched,
+    Reason, SegmentState, Steps, VIOLATIONS, Violation, ViolationSet, watched,
 };
 
 struct Segment {
@@ -53,10 +54,12 @@ impl LaneContact {
     /// Contacts that are restarted before they are used.
     pub fn new(options: &Options, scene: &Scene) -> Self {
         let still = || Segment { anchor: 0.0, drive: SegmentDrive::still() };
+        let mut limits = Limits::new(&scene.parameters);
+        limits.ends = options.stop_on;
         Self {
             run: ContactRun::new([Contact::touching(); 2]),
             steps: LoneSteps::new(options, scene),
-            limits: Limits::new(&scene.parameters),
+            limits,
             segment: still(),
             earlier: still(),
             in_earlier: false,
@@ -186,6 +189,15 @@ impl LaneContact {
         watched(self.steps.system.size(), (0, Some(self.row())), &now, &end.y, t, (t, 0))
     }
 
+    /// The violations at the instant at which this one ends the run.
+    fn shown(&self, end: &ContactEnd, violation: Violation) -> ViolationSet {
+        let mut contacts = Contacts::sticking();
+        self.run.put_into(&mut contacts, 0);
+        let mut found = self.limits.violated(&self.evaluate(end.tau, &end.y), Some(&contacts));
+        found[violation as usize] = 1;
+        ViolationSet::of(&found, 0)
+    }
+
     /// Whether the modes are to be chosen from the state at which the run starts.
     pub fn is_unset(&self) -> bool {
         self.unset.is_some()
@@ -269,20 +281,6 @@ impl<R: Lanes, P> LaneBatch<'_, R, P> {
         found
     }
 
-    /// The sum of |v| over both contacts where they slip or graze.
-    #[inline(always)]
-    pub(super) fn slip_speed(&self, residuals: &[R; 4]) -> R {
-        let mut sum = R::zero();
-        if self.unilateral {
-            let contacts = &self.drive.contacts;
-            for i in 0..2 {
-                let moves = contacts.slip(i) | contacts.graze[i];
-                sum = sum + R::select(moves, residuals[2 + i].abs(), R::zero());
-            }
-        }
-        sum
-    }
-
     /// An instant of the run in a lane, as evaluated at the state `y`.
     #[inline(always)]
     pub fn instant(
@@ -341,12 +339,12 @@ impl<R: Lanes, P> LaneBatch<'_, R, P> {
     /// The end of the run in a lane at an event of its contacts, and its last instant. `before` is the last
     /// watched instant, `h` the length of the step.
     pub fn contact_end(
-        &self,
+        &mut self,
         lane: usize,
         end: &ContactEnd,
         (before, h): (Instant, f64),
     ) -> Option<(End, Instant)> {
-        let run = self.runs[lane].as_ref()?;
+        let run = self.runs[lane].as_mut()?;
         let contact = run.contact.as_ref()?;
         let modes = contact.run.modes();
         let (reason, last) = match end.reason {
@@ -359,6 +357,17 @@ impl<R: Lanes, P> LaneBatch<'_, R, P> {
                 _ => (Reason::NotFinite, before),
             },
         };
+        if let Reason::Broken(violation) = reason {
+            let shown = contact.shown(end, violation);
+            for (_, violation) in VIOLATIONS {
+                if shown.contains(violation) && self.noted[violation as usize] >> lane & 1 == 0 {
+                    run.first_times[violation as usize] = last.t;
+                }
+            }
+            if R::WIDTH == 1 {
+                self.queue.recorder.intervals.note(last.t, shown);
+            }
+        }
         Some((ending::contact(&run.scene, &last, reason, modes, h), last))
     }
 }

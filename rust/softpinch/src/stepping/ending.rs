@@ -5,7 +5,7 @@ use crate::method::Unsolved;
 use crate::model::{Coordinates, Geometry, Mode, SIDES, Scene};
 use crate::names::named;
 use crate::number::signed;
-use crate::stepping::monitor::half_length;
+use crate::stepping::monitor::{explain, half_length};
 use crate::stepping::{Instant, Loss, MOST_EVENTS, Reason, STOP_ON, VIOLATIONS, Violation};
 
 named! {
@@ -179,6 +179,9 @@ pub(crate) fn contact(scene: &Scene, last: &Instant, reason: Reason, modes: [Mod
                 lost(scene, last, loss, modes)
             ),
         ),
+        Reason::Broken(violation) => {
+            (Status::of(violation), explain(&scene.parameters, violation, false, last))
+        }
         Reason::Chattering => (
             Status::Chattering,
             format!(

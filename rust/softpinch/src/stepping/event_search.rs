@@ -9,8 +9,10 @@ use crate::model::{Geometry, Input, Motion, SegmentDrive};
 use crate::number::Real;
 use crate::stepping::contact_events::CAUSES;
 use crate::stepping::lone_steps::LoneMethod;
-use crate::stepping::monitor::{Condition, Failure};
-use crate::stepping::{ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Passage, Reason};
+use crate::stepping::monitor::{Condition, Failure, ROUND_OFF};
+use crate::stepping::{
+    Cause, ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Passage, Reason,
+};
 
 /// Largest number of repeated steps that locate one event. Most take about ten.
 const MOST_TRIALS: usize = 60;
@@ -230,12 +232,18 @@ impl EventStepper<'_> {
     fn values(&self, terms: &Terms<f64>, motion: &Motion<f64>) -> impl Iterator<Item = (Event, f64)> + use<> {
         let Terms { geometry, response, .. } = terms;
         let state = Evaluation::of_contacts(motion, &response.multipliers, geometry, response.share);
-        let mut values = [[None; CAUSES.len()]; 2];
+        let [right, left] = self.drive.contacts.graze;
+        let (both, mut values) = (right & left & 1 != 0, [[None; CAUSES.len()]; 2]);
+        let size = response.acceleration.object[0].abs() + response.acceleration.object[1].abs();
         for (finger, own) in values.iter_mut().enumerate() {
+            // The part psi is an acceleration over that which the couple makes, the pivot of the finger that grazes. It comes last.
+            let effect = response.pivots[if both { 2 * finger } else { 2 }].abs();
+            let round_off = ROUND_OFF * (1.0 + size / effect);
             self.limits.conditions(&state, Some(&self.drive.contacts), finger, true, |condition| {
                 let Condition { failure: Failure::Event(cause), lanes, value, .. } = condition else {
                     return;
                 };
+                let value = if cause == Cause::Share { value + round_off } else { value };
                 own[cause as usize] = (lanes & 1 != 0).then_some((Event { finger, cause }, value));
             });
         }

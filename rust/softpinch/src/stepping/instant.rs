@@ -16,6 +16,8 @@ pub struct Instant {
     pub contact: Option<ContactRow>,
     /// The works of the ledger; zeros if they are not carried.
     pub works: [f64; WORKS],
+    /// The distance of slips since the start, m; zero if it is not carried.
+    pub slipped: f64,
     /// The point of the Jacobian that the next step uses, for methods that keep one.
     pub linearized: Option<Linearized>,
     /// True if the controller has not yet sampled at this instant.
@@ -34,6 +36,7 @@ impl Instant {
             torque: [f64::NAN; 2],
             contact: state.contact,
             works: [0.0; WORKS],
+            slipped: 0.0,
             linearized: None,
             before_sample: false,
         }
@@ -66,6 +69,7 @@ pub fn watched<R: Lanes>(
         torque: column(torque, lane),
         contact,
         works: column(&works(size, y), lane),
+        slipped: size.slipped(y).lane(lane),
         linearized: None,
         before_sample: false,
     }
@@ -88,7 +92,7 @@ pub(super) fn energies<R: Lanes>(
 #[inline(always)]
 pub fn works<R: Real>(size: Size, y: &States<R>) -> [R; WORKS] {
     let mut works = [R::zero(); WORKS];
-    let carried = &y[size.states..size.all()];
+    let carried = &y[size.states..][..size.works];
     works[..carried.len()].copy_from_slice(carried);
     if carried.len() == BILATERAL_WORKS + 1 {
         works.swap(BILATERAL_WORKS, work::MOTION);

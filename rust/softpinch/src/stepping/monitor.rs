@@ -106,7 +106,7 @@ impl<R: Lanes> Condition<R> {
 
 /// A gap, a slip velocity or a share that is zero when its mode begins may fail by this share of its terms, by
 /// round-off.
-const ROUND_OFF: f64 = 16.0 * f64::EPSILON;
+pub(super) const ROUND_OFF: f64 = 16.0 * f64::EPSILON;
 
 /// The limits with which the model's quantities are compared.
 #[derive(Debug, Clone, Copy)]
@@ -123,6 +123,8 @@ pub(crate) struct Limits<R> {
     curvature: [R; 2],
     /// The modulus E of each tip.
     modulus: [R; 2],
+    /// The violations that are events, because they end a run with unilateral contact.
+    pub(super) ends: ViolationSet,
 }
 
 impl<R: Lanes> Limits<R> {
@@ -139,6 +141,7 @@ impl<R: Lanes> Limits<R> {
             half_height: [half_length(source, 0), half_length(source, 1)],
             curvature: [curvature(source, 0), curvature(source, 1)],
             modulus: [0, 1].map(|i| source.number(|p| p.modulus(i))),
+            ends: ViolationSet::default(),
         }
     }
 
@@ -185,7 +188,7 @@ impl<R: Lanes> Limits<R> {
         let (d_n, radius) = (q.compression[i], self.sides[i].radius);
         let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
         let places = at.places.map(R::abs);
-        let half = self.half_height[i];
+        let (half, quarter) = (self.half_height[i], R::constant(std::f64::consts::FRAC_PI_2));
         let mut inside = half - places[i];
         let (mut touching, mut bilateral) = (Bits::MAX, Bits::MAX);
         if let Some(contacts) = contacts {
@@ -195,7 +198,7 @@ impl<R: Lanes> Limits<R> {
             let other = self.half_height[1 - i] - places[1 - i];
             inside = R::select(both_free, inside.max_in(other, R::ALL), inside);
             let mut forward = R::select(contacts.down[i], -v, v);
-            let mut part = at.share[i].min_in(R::constant(1.0) - at.share[i], R::ALL);
+            let part = at.share[i].min_in(R::constant(1.0) - at.share[i], R::ALL);
             let mut gap = at.residuals[i];
             if tolerant {
                 let round_off = |sizes: [R; 3]| {
@@ -203,7 +206,6 @@ impl<R: Lanes> Limits<R> {
                     R::constant(ROUND_OFF) * (a + b + c)
                 };
                 forward = forward + round_off([p.object[0], p.object[1], p.shear[i]]);
-                part = part + R::constant(ROUND_OFF);
                 gap = gap + round_off([q.object[0], q.object[1], d_n]);
             }
             let mut event = |cause, lanes, value| {
@@ -218,11 +220,16 @@ impl<R: Lanes> Limits<R> {
             // A surface of a free tip that has come to rest stays at rest.
             event(Cause::Relaxed, !(free & d_n.is_zero()), d_n);
             event(Cause::Lost, !free | both_free, inside);
+            if self.ends.contains(Violation::Crushed) {
+                event(Cause::Crushed, !free, radius - d_n);
+            }
+            if self.ends.contains(Violation::Folded) {
+                event(Cause::Folded, !free, quarter - at.tilt[i].abs());
+            }
         }
         let mut violation = |violation, lanes, value, least, strict| {
             take(Condition { failure: Failure::Violation(violation), lanes, value, least, strict });
         };
-        let quarter = R::constant(std::f64::consts::FRAC_PI_2);
         let limited = bilateral & self.limited;
         if limited != 0 {
             violation(Violation::Slipping, limited, self.friction[i] * along, across.abs(), false);

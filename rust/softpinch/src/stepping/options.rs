@@ -1,6 +1,6 @@
 //! The options of a simulation.
 
-use crate::formulation::{Choice, Formulation};
+use crate::formulation::{Carried, Choice, Formulation};
 use crate::method::{Method, Runs};
 use crate::model::{ContactModel, Inputs, Scene, Stabilization, fastest_rate};
 use crate::number::{Level, MOST};
@@ -101,6 +101,7 @@ impl Options {
         let ledger = self.guard
             || self.record.contains(Recordable::Energy)
             || self.summaries.set.contains(Summary::EnergyClosure);
-        Choice { formulation, contact, fingers, moves, ledger }
+        let slips = contact == ContactModel::Unilateral && self.summaries.set.contains(Summary::SlipDistance);
+        Choice { formulation, contact, fingers, moves, carried: Carried { ledger, slips } }
     }
 }

@@ -15,8 +15,8 @@ pub(super) type Memory<R> = [R; 3];
 pub(crate) struct SummaryInstant<'a, R> {
     pub t: R,
     pub now: &'a Evaluation<R>,
-    /// The sum of |v| over both contacts where they slip or graze, m/s.
-    pub slip_speed: R,
+    /// The distance of slips since the start of the run, both contacts together, m.
+    pub slipped: R,
     /// The closure error of the energy ledger, J, if the ledger is carried.
     pub closure: R,
     /// W / 2, m.
@@ -33,6 +33,8 @@ pub(crate) struct RunEnd {
     pub missing: f64,
     /// The time during which a tip was free, s.
     pub free_time: f64,
+    /// The distance of slips since the start of the run, m.
+    pub slipped: f64,
 }
 
 /// A number that is computed from the instants of a run, one after the other.
@@ -264,13 +266,17 @@ impl Fold for SettlingTime {
     }
 }
 
+/// The method integrates the distance with the motion. The memory has that of the first instant.
 impl Fold for SlipDistance {
-    const START: [f64; 3] = NO_INTEGRAL;
     const SMOOTH: bool = false;
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
-        integrate(memory, instant.t, R::constant(0.5) * instant.slip_speed, seen);
+        memory[0] = R::select(seen & memory[0].less(R::zero()), instant.slipped, memory[0]);
+    }
+
+    fn value([first, ..]: [f64; 3], end: &RunEnd) -> f64 {
+        end.slipped - first
     }
 }
 
@@ -374,7 +380,7 @@ mod tests {
     struct Own<R> {
         t: R,
         now: Evaluation<R>,
-        slip_speed: R,
+        slipped: R,
         closure: R,
         half_width: R,
         margins: [R; 2],
@@ -382,8 +388,8 @@ mod tests {
 
     impl<R: Lanes> Own<R> {
         fn instant(&self) -> SummaryInstant<'_, R> {
-            let Self { t, ref now, slip_speed, closure, half_width, .. } = *self;
-            SummaryInstant { t, now, slip_speed, closure, half_width }
+            let Self { t, ref now, slipped, closure, half_width, .. } = *self;
+            SummaryInstant { t, now, slipped, closure, half_width }
         }
     }
 
@@ -405,8 +411,8 @@ mod tests {
                     torque: [x[29], x[30]],
                     ..Evaluation::nothing()
                 };
-                let (slip_speed, half_width, margins) = (x[26].abs(), x[28].abs(), [x[29], x[31]]);
-                (Own { t, now, slip_speed, closure: x[27], half_width, margins }, seen)
+                let (slipped, half_width, margins) = (x[26].abs(), x[28].abs(), [x[29], x[31]]);
+                (Own { t, now, slipped, closure: x[27], half_width, margins }, seen)
             };
             rows.into_iter().map(instant).collect()
         })
@@ -465,7 +471,7 @@ mod tests {
             ),
             (Summary::EnergyClosure, largest(&|now| now.closure.abs())),
             (Summary::PeakTorque, largest(&|now| now.now.torque[0].abs().max(now.now.torque[1].abs()))),
-            (Summary::SlipDistance, integral(&|now| now.slip_speed)),
+            (Summary::SlipDistance, end.slipped - seen[0].slipped),
             (Summary::FreeTime, end.free_time),
             (
                 Summary::Margin,
@@ -511,7 +517,7 @@ mod tests {
                 let instant = Own {
                     t: number(&|own| own.t),
                     now,
-                    slip_speed: number(&|own| own.slip_speed),
+                    slipped: number(&|own| own.slipped),
                     closure: number(&|own| own.closure),
                     half_width: number(&|own| own.half_width),
                     margins: [0, 1].map(|n| number(&|own| own.margins[n])),
@@ -522,7 +528,7 @@ mod tests {
                 let memory = &mut summaries.memory[Summary::Margin as usize];
                 take_margins(memory, instant.margins, seen & summaries.after.at_most(instant.t));
             }
-            let end = RunEnd { from: after, completed, holds: completed && kept, missing: 0.375, free_time: 0.25 };
+            let end = RunEnd { from: after, completed, holds: completed && kept, missing: 0.375, free_time: 0.25, slipped: 3.0 };
             for (lane, run) in runs.iter().enumerate() {
                 let counts = |&&(instant, seen): &&Watched| seen && instant.t >= after;
                 let list: Vec<_> = run.iter().filter(counts).map(|&(instant, _)| instant).collect();

@@ -8,6 +8,7 @@
 use std::fmt::Write;
 
 use super::counted::{Count, Counted, OPERATIONS, Operation, count};
+use crate::formulation::equations::Carried;
 use crate::formulation::equations::{Evaluation, States};
 use crate::formulation::scene_equations::{Choice, SceneEquations};
 use crate::formulation::system::{Size, System};
@@ -142,7 +143,7 @@ impl Case {
                 let zero = Counted::zero();
                 let initial_energies = Energies { kinetic: zero, elastic: zero, gravity: zero };
                 let energies = system.energies(&drive.contacts, &now.motion);
-                closure(&initial_energies, &energies, &y[size.states..size.all()])
+                closure(&initial_energies, &energies, &y[size.states..][..size.works])
             } else {
                 Counted::zero()
             };
@@ -174,7 +175,7 @@ fn still(formulation: Formulation, fingers: Fingers) -> Case {
             contact: ContactModel::Bilateral,
             fingers,
             moves: false,
-            ledger: false,
+            carried: Carried::default(),
         },
         degree: 0,
         sines: 0,
@@ -192,7 +193,13 @@ fn choices() -> Vec<(&'static str, &'static str, Choice)> {
                 all.push((
                     formulation_name,
                     fingers_name,
-                    Choice { formulation, contact, fingers, moves: false, ledger },
+                    Choice {
+                        formulation,
+                        contact,
+                        fingers,
+                        moves: false,
+                        carried: Carried { ledger, slips: false },
+                    },
                 ));
             }
         }
@@ -222,7 +229,7 @@ fn table() -> String {
     }
     let (mut equations, mut costs) = (String::new(), String::new());
     for (formulation, fingers, choice) in choices() {
-        let key = format!("\"{formulation}\", \"{fingers}\", {}", u8::from(choice.ledger));
+        let key = format!("\"{formulation}\", \"{fingers}\", {}", u8::from(choice.carried.ledger));
         let size = Case { choice, degree: 0, sines: 0, friction: false }.start().system.size();
         let (degrees, states, chains) = (size.degrees, size.all(), tuple(&sine_chain(choice)));
         writeln!(equations, "    ({key}): ({degrees}, {states}, {chains}),").expect("a string takes it");

@@ -6,6 +6,7 @@ use proptest::prelude::*;
 
 use crate::formulation::constrained::constrained;
 use crate::formulation::contact_solve::{Load, Response, response};
+use crate::formulation::equations::Carried;
 use crate::formulation::scene_equations::Choice;
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
@@ -337,7 +338,7 @@ proptest! {
         let drive = inputs.segment(0.0);
         for formulation in [Formulation::Csm, Formulation::Nullspace] {
             let gains = Stabilization { alpha: 300.0, beta: 200.0 };
-            let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers: Fingers::Pid, moves: false, ledger: false };
+            let choice = Choice { formulation, contact: ContactModel::Bilateral, fingers: Fingers::Pid, moves: false, carried: Carried::default() };
             let runs = Runs { choice, parameters: [&hand; MOST], gains: &gains };
             let (system, tangent) = (runs.system::<f64>(), runs.tangent::<f64>());
             let y = system.begin(&Motion { q, p, memory: [1e-3, -1e-3], ..Motion::zero() });
