@@ -18,9 +18,9 @@ SCRIPTS = sorted(
     for path in (ROOT / "benchmarks").glob("*.py")
     if "__main__" in path.read_text("utf-8")
 )
-# Their quick look takes as long as that of all others: JAX compiles, processes start, ladders of
-# settings are searched.
-LONG = ("ensemble.py", "integrators.py", "reference.py", "reports.py", "scale.py")
+# Their quick look takes nearly as long as that of all others: JAX compiles, processes start,
+# ladders of settings are searched.
+LONG = ("integrators.py", "reference.py", "reports.py", "scale.py")
 SHORT = tuple(script for script in SCRIPTS if script not in LONG)
 # Each has a process of its own.
 GROUPS = [SHORT[:8], SHORT[8:], pytest.param(LONG, marks=pytest.mark.slow)]
