@@ -43,11 +43,10 @@ pub fn evaluate(
     let equations::Terms { geometry, forces, response, .. } =
         ContactEquations::new(&equations, own).terms(&input, &Contacts::sticking(), motion);
     let Motion { q, p, .. } = motion;
-    let frame = own.map(|own| own.at(0.0));
-    let moving = frame.map(|frame| plant.loads(&frame, &input.force, q.object, p.object));
+    let moving = own.map(|own| plant.loads(&own.at(0.0), &input.force, q.object, p.object));
     let mut outside = input.force;
-    if let Some(frame) = frame {
-        [outside[0], outside[1]] = frame.in_hand_axes([outside[0], outside[1]]);
+    if let Some(moving) = &moving {
+        outside[..2].copy_from_slice(&moving.outside);
     }
     let Response { multipliers, acceleration: accelerations, .. } = response;
     let [right, left] = forces.elastic;

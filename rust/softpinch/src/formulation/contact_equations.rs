@@ -1,5 +1,6 @@
 //! The equations of unilateral contact as the search for events uses them: for one run.
 
+use crate::formulation::equations::Solved;
 use crate::formulation::impact::{Impact, impact};
 use crate::formulation::{ContactJump, Equations, Terms, Unilateral};
 use crate::model::{Any, Contacts, Coordinates, Geometry, Input, Motion, Plant, SegmentFrame};
@@ -24,8 +25,9 @@ task! {
         if let Some(frame) = &at.frame {
             moving = Some(plant.loads(&frame.at(input.tau), &input.force, q.object, p.object));
         }
-        let applied = (input, moving.as_ref());
-        Equations::terms(at, plant.driven, applied, contacts, motion, Geometry::of(&plant.sides, q, p))
+        let (applied, geometry) = ((input, moving.as_ref()), Geometry::of(&plant.sides, q, p));
+        let Solved { forces, response, .. } = at.solved(plant.driven, applied, contacts, motion, &geometry);
+        Terms { geometry, forces, response }
     }
 }
 task! {

@@ -98,16 +98,23 @@ impl<R: Real> Evaluation<R> {
     }
 }
 
+/// The forces of (24) at a state, and what they make.
 #[derive(Debug, Clone, Copy)]
-pub struct Terms<R, P = Any> {
-    /// The geometry. Its residuals C^H and C^N are the gap of a free tip and the velocity of one that slips.
-    pub geometry: Geometry<R, P>,
+pub struct Solved<R> {
     /// The applied forces. The couples of tips that graze or are free are left out.
     pub forces: Forces<R>,
     /// Multipliers, shares of the couples, and accelerations.
     pub response: Response<R>,
     /// dP/d theta_pi of both tips, N m, whether it acts or not.
     pub couple: [R; 2],
+}
+
+/// The same with the geometry. Its residuals C^H and C^N are the gap of a free tip and the velocity of one that slips.
+#[derive(Debug, Clone, Copy)]
+pub struct Terms<R, P = Any> {
+    pub geometry: Geometry<R, P>,
+    pub forces: Forces<R>,
+    pub response: Response<R>,
 }
 
 /// Evaluates an expression in which the kind of fingers is known at compile time. Loops over the states need it: with
@@ -233,16 +240,16 @@ pub trait Equations<R: Real>: Copy + Debug {
 
     /// All terms of (24) at one state, in the modes of the contacts.
     #[inline(always)]
-    fn terms(
+    fn solved(
         &self,
         driven: bool,
         applied: Applied<'_, R>,
         contacts: &Contacts<R>,
         motion: &Motion<R>,
-        geometry: Geometry<R, Self::Parts>,
-    ) -> Terms<R, Self::Parts> {
+        geometry: &Geometry<R, Self::Parts>,
+    ) -> Solved<R> {
         let (plant, friction) = (self.plant(), self.friction());
-        let mut elastic = plant.elastic(&geometry, &motion.q);
+        let mut elastic = plant.elastic(geometry, &motion.q);
         let couple = [elastic[0].tilt, elastic[1].tilt];
         let special = if friction.is_some() { contacts.special() } else { 0 };
         if special != 0 {
@@ -255,15 +262,15 @@ pub trait Equations<R: Real>: Copy + Debug {
                 elastic[i].tangential = elastic[i].tangential + tangential;
             }
         }
-        let mut forces = plant.forces(driven, elastic, &geometry, motion, applied);
-        let (force, bias) = (forces.total(&geometry), self.bias(&geometry));
+        let mut forces = plant.forces(driven, elastic, geometry, motion, applied);
+        let (force, bias) = (forces.total(geometry), self.bias(geometry));
         let finger_acceleration = applied.0.target_acceleration;
-        let mut found = constrained(driven, &geometry, plant, &force, &bias, &finger_acceleration);
+        let mut found = constrained(driven, geometry, plant, &force, &bias, &finger_acceleration);
         if let Some(friction) = friction
             && special != 0
         {
             let load = Load { force, couple, friction, bias, finger_acceleration };
-            found = found.replaced(special, &response(driven, &geometry, plant, contacts, &load));
+            found = found.replaced(special, &response(driven, geometry, plant, contacts, &load));
         }
         if driven {
             if friction.is_some() {
@@ -272,10 +279,9 @@ pub trait Equations<R: Real>: Copy + Debug {
                     forces.elastic[i].tilt = R::select(contacts.graze[i], part, forces.elastic[i].tilt);
                 }
             }
-            forces.torque =
-                plant.driving_torque(&geometry, &forces, &finger_acceleration, &found.multipliers);
+            forces.torque = plant.driving_torque(geometry, &forces, &finger_acceleration, &found.multipliers);
         }
-        Terms { geometry, forces, response: found, couple }
+        Solved { forces, response: found, couple }
     }
 
     /// The powers whose integrals are the works of the ledger. Friction's is the loss mu lambda^H |v|. While a
@@ -283,11 +289,11 @@ pub trait Equations<R: Real>: Copy + Debug {
     #[inline(always)]
     fn powers(
         &self,
-        terms: &Terms<R, Self::Parts>,
+        (geometry, solved): (&Geometry<R, Self::Parts>, &Solved<R>),
         contacts: &Contacts<R>,
         motion: &Motion<R>,
     ) -> [R; CONTACT_WORKS] {
-        let Terms { geometry, forces, response, couple } = terms;
+        let Solved { forces, response, couple } = solved;
         let (plant, p, zero) = (self.plant(), &motion.p, R::zero());
         let (mut held, mut friction, mut relaxation) = (response.multipliers, zero, zero);
         if self.friction().is_some() {
@@ -433,32 +439,42 @@ pub(super) fn evaluated<R: Real, E: Equations<R>>(
 ) -> Evaluation<R> {
     let mut motion = equations.unpack(driven, input, y);
     let geometry = equations.geometry(&mut motion);
-    let terms = equations.terms(driven, (input, moving), contacts, &motion, geometry);
-    let Response { multipliers, share, acceleration, .. } = terms.response;
+    let solved = equations.solved(driven, (input, moving), contacts, &motion, &geometry);
+    let Response { multipliers, share, acceleration, .. } = solved.response;
     let memory = equations.plant().memory_rates(&motion.q, input);
     let relaxation = equations.plant().relaxation_rates::<E::Parts>(&motion);
     let mut rate = equations.begin(driven, &Motion { q: motion.p, p: acceleration, memory, relaxation });
     if carried.ledger {
-        let powers = equations.powers(&terms, contacts, &motion);
+        let powers = equations.powers((&geometry, &solved), contacts, &motion);
         for_fingers!(driven, driven => {
             let states = equations.states(driven);
             rate[states..states + equations.works()].copy_from_slice(&powers[..equations.works()]);
             if let Some(moving) = moving {
-                let (fingers, turns) = (&terms.forces.finger_gravity, &motion.p.finger);
-                rate[states + work::EXTERNAL] = moving.external;
+                let (fingers, turns) = (&solved.forces.finger_gravity, &motion.p.finger);
+                let [x, y] = moving.outside;
+                rate[states + work::EXTERNAL] = dot(&[x, y, input.force[2]], &motion.p.object);
                 rate[states + equations.works()] = dot(&moving.object, &motion.p.object)
                     + fingers[0].dot2(turns[0], fingers[1], turns[1]);
             }
         });
     }
     if equations.opens() && carried.slips {
-        let slipped = &mut rate[size_of(equations, driven, carried).all() - 1];
+        let mut speed = R::zero();
         for i in 0..2 {
-            let v = terms.geometry.residuals()[2 + i];
-            let speed = R::select(v.less(R::zero()), -v, v);
-            *slipped = *slipped + R::select(contacts.slip(i) | contacts.graze[i], speed, R::zero());
+            let v = geometry.residuals()[2 + i];
+            let size = R::select(v.less(R::zero()), -v, v);
+            speed = speed + R::select(contacts.slip(i) | contacts.graze[i], size, R::zero());
         }
+        for_fingers!(driven, driven => {
+            // Places are constants, so that the rates need not be in memory: they would be copied there as a whole.
+            let (states, works) = (equations.states(driven), equations.works());
+            match (carried.ledger, equations.plant().moves) {
+                (false, _) => rate[states] = speed,
+                (true, false) => rate[states + works] = speed,
+                (true, true) => rate[states + works + 1] = speed,
+            }
+        });
     }
-    let torque = terms.forces.torque;
-    Evaluation { rate, torque, ..Evaluation::of_contacts(&motion, &multipliers, &terms.geometry, share) }
+    let torque = solved.forces.torque;
+    Evaluation { rate, torque, ..Evaluation::of_contacts(&motion, &multipliers, &geometry, share) }
 }

@@ -324,13 +324,14 @@ mod tests {
             let response = &terms.response;
             let swept = terms.geometry.phi_times(&response.acceleration);
             let bias = terms.geometry.bias();
+            let elastic = equations.plant().elastic(&terms.geometry, &motion.q);
             // M a = f + Phi^T lambda + the couples that act.
             let mut force = terms.forces.total(&terms.geometry);
             let push = terms.geometry.phi_transposed_times(&response.multipliers);
             for i in 0..2 {
                 let acts = if modes[i] == Mode::Graze { response.share[i] } else { 0.0 };
-                force.object[2] -= signed(i, acts * terms.couple[i]);
-                force.finger[i] -= acts * terms.couple[i];
+                force.object[2] -= signed(i, acts * elastic[i].tilt);
+                force.finger[i] -= acts * elastic[i].tilt;
             }
             let (masses, acceleration) = (equations.plant().masses.row(), response.acceleration.row());
             let (force, push) = (force.row(), push.row());

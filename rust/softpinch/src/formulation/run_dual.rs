@@ -16,11 +16,11 @@ type SecondDual<R> = Dual<RunDual<R>, 1>;
 pub type RunDualSystem<R> = SceneEquations<RunDual<R>>;
 
 /// The equations of one run, with all derivatives that methods need.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct RunDualEquations<R> {
     pub system: RunDualSystem<R>,
     /// The same equations for second derivatives, if they are wanted.
-    second: Option<SceneEquations<SecondDual<R>>>,
+    second: Option<Box<SceneEquations<SecondDual<R>>>>,
 }
 
 impl<R: Lanes> RunDualEquations<R> {
@@ -28,8 +28,18 @@ impl<R: Lanes> RunDualEquations<R> {
     pub fn new(choice: Choice, source: &VariedParameters<'_>, gains: &Stabilization, second: bool) -> Self {
         Self {
             system: SceneEquations::new(choice, source, gains),
-            second: second.then(|| SceneEquations::new(choice, &Constants(source), gains)),
+            second: second.then(|| Self::second(choice, source, gains)),
         }
+    }
+
+    /// They are large, so they are built in a frame of their own.
+    #[inline(never)]
+    fn second(
+        choice: Choice,
+        source: &VariedParameters<'_>,
+        gains: &Stabilization,
+    ) -> Box<SceneEquations<SecondDual<R>>> {
+        Box::new(SceneEquations::new(choice, &Constants(source), gains))
     }
 
     /// The derivative of the rates at the state `y` and time `tau` along the direction `along` of the states and

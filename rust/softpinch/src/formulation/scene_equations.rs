@@ -174,8 +174,8 @@ pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
             y[n] = along[n].mul_add(by, from[n]);
         }
     });
-    let found = equations.evaluate(driven, applied, contacts, &y, carried).rate;
-    copy_computed(equations, (driven, carried), rate, &found);
+    let found = equations.evaluate(driven, applied, contacts, &y, carried);
+    copy_computed(equations, (driven, carried), rate, &found.rate);
 }
 
 /// Evaluates an expression for the fingers of the equations. If the constant in brackets is true, the code is compiled
@@ -217,25 +217,20 @@ task! {
 }
 
 task! {
-    /// Computes the forces of the hand's motion at a stage, from the plant and the number of coordinates among the states.
+    /// Computes the forces of the hand's motion at a stage, whose rates come `degrees` after the coordinates. It consists
+    /// of pointers: vectors among them would be stored in parts and copied as a whole, which waits for these stores.
     pub(super) ['a, R: Lanes, T: Lift<R>]
-    Load<'a, R, T>(frame: &'a SegmentFrame<R>, plant: (&'a Plant<T>, usize), input: &'a Input<T>, at: StageState<'a, T>)
+    Load<'a, R, T>(frame: &'a SegmentFrame<R>, plant: &'a Plant<T>, tau: &'a T, force: &'a [T; 3],
+        from: &'a [T], by: &'a T, along: &'a [T], degrees: usize)
     for T => FrameLoads<T> = {
-        let ((plant, degrees), StageState { from, by, along }) = (plant, at);
         let (mut q, mut p) = ([T::zero(); 3], [T::zero(); 3]);
-        for n in 0..3 {
-            q[n] = along[n].mul_add(by, from[n]);
-            p[n] = along[degrees + n].mul_add(by, from[degrees + n]);
+        if frame.turns {
+            for n in 0..3 {
+                q[n] = along[n].mul_add(*by, from[n]);
+                p[n] = along[degrees + n].mul_add(*by, from[degrees + n]);
+            }
         }
-        plant.loads(&frame.motion(input.tau), &input.force, q, p)
-    }
-}
-
-impl<R: Lanes, T: Lift<R>> Load<'_, R, T> {
-    /// Calls it, so that equations of a hand at rest have little code for it.
-    #[inline(never)]
-    pub(super) fn loads(self) -> FrameLoads<T> {
-        T::outlined(self)
+        plant.loads(&frame.motion(*tau), force, q, p)
     }
 }
 
@@ -297,12 +292,12 @@ impl<R: Lanes> SceneEquations<R> {
         &self,
         frame: &SegmentFrame<R>,
         input: &Input<R>,
-        (from, &by, along): (&States<R>, &R, &States<R>),
+        (from, by, along): (&States<R>, &R, &States<R>),
     ) -> FrameLoads<R> {
-        with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
-            let (plant, at) = ((equations.plant(), self.size().degrees), StageState { from, by, along });
-            Load { frame, plant, input, at }.loads()
-        })
+        let (plant, degrees) = with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
+            (equations.plant(), equations.degrees(equations.plant().driven))
+        });
+        R::outlined(Load { frame, plant, tau: &input.tau, force: &input.force, from, by, along, degrees })
     }
 }
 
@@ -318,10 +313,11 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
     #[inline(always)]
     fn evaluate_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, now: &mut Evaluation<R>) {
         let (carried, mut moving) = (self.carried, None);
+        let loads;
         if let Some(frame) = &drive.frame {
-            moving = Some(self.loads(frame, &R::outlined(InputAt { drive, tau }), (y, &R::zero(), y)));
+            loads = self.loads(frame, &R::outlined(InputAt { drive, tau }), (y, &R::zero(), y));
+            moving = Some(&loads);
         }
-        let moving = moving.as_ref();
         with!(self.kind, equations [R::ORDER < 2, R::ANY_PARTS] => {
             R::outlined(Evaluate { equations, drive, tau, moving, y, now, carried });
         });
@@ -332,10 +328,11 @@ impl<R: Lanes> System<R> for SceneEquations<R> {
         // In one piece the stage would be copied, as vectors that wait for the stores of its parts.
         let StageState { from, by, along } = at;
         let (contacts, carried, mut moving) = (&drive.contacts, self.carried, None);
+        let loads;
         if let Some(frame) = &drive.frame {
-            moving = Some(self.loads(frame, input, (from, &by, along)));
+            loads = self.loads(frame, input, (from, &by, along));
+            moving = Some(&loads);
         }
-        let moving = moving.as_ref();
         with!(self.kind, equations [true, R::ANY_PARTS] => {
             R::outlined(Rates { equations, input, moving, contacts, from, by, along, rate, carried });
         });

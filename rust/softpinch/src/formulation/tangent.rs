@@ -6,7 +6,7 @@ use crate::formulation::equations::{evaluated, size_of};
 use crate::formulation::scene_equations::{Load, for_fingers_of};
 use crate::formulation::{
     AnyParts, Carried, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS,
-    SceneEquations, StageState, States, System, Unilateral, for_fingers, with,
+    SceneEquations, States, System, Unilateral, for_fingers, with,
 };
 use crate::model::{Constants, Contacts, FrameMotion, Input, Parameters, SegmentDrive, Stabilization};
 use crate::number::{
@@ -35,26 +35,37 @@ task! {
         for_fingers_of!(equations, driven [true] => {
             let size = size_of(equations, driven, carried);
             let (states, all) = (size.states, size.all());
-            let (mut first, mut duals) = (0, [Dual::constant(0.0); MAX_COMPONENTS]);
+            let (mut first, mut duals, mut loads) = (0, [Dual::constant(0.0); MAX_COMPONENTS], None);
+            for n in 0..all {
+                duals[n].value = y[n];
+            }
             while first <= states {
-                for (n, (dual, &number)) in duals.iter_mut().zip(y).take(all).enumerate() {
-                    let direction = if n < states { n.wrapping_sub(first) } else { IN_LANES };
-                    *dual = Dual::variable(number, direction);
+                // Only the directions of this sweep are set: all slopes anew took a tenth of the time.
+                let seeded = first..(first + IN_LANES).min(states);
+                for n in seeded.clone() {
+                    duals[n].slope[n - first] = R::constant(1.0);
                 }
                 let tau = Dual::variable(tau, states.wrapping_sub(first));
                 let input = drive.at(tau);
-                let mut moving = None;
-                if let Some(frame) = &drive.frame {
+                // Unless the hand turns, its forces depend on the time alone.
+                if let Some(frame) = &drive.frame
+                    && (frame.turns || first == 0 || first + IN_LANES > states)
+                {
                     // Only copies are passed on, so that states and inputs of a hand at rest stay in registers.
-                    let (state, input, plant) = (duals, &{ input }, (equations.plant(), size.degrees));
-                    let at = StageState { from: &state, by: Dual::zero(), along: &state };
-                    moving = Some(Load { frame, plant, input, at }.loads());
+                    let d = size.degrees;
+                    let state = &[duals[0], duals[1], duals[2], duals[d], duals[d + 1], duals[d + 2]];
+                    let (tau, force, plant, by) = (&{ tau }, &{ input.force }, equations.plant(), &Dual::zero());
+                    let (from, along, degrees) = (state, state, 3);
+                    loads = Some(Dual::outlined(Load { frame, plant, tau, force, from, by, along, degrees }));
                 }
-                let applied = (&input, moving.as_ref());
+                let applied = (&input, loads.as_ref());
                 // Not called: inlined it is much faster, in unilateral contact too.
                 let rate = evaluated(equations, driven, applied, &contacts, &duals, carried).rate;
                 for n in 0..all {
                     jacobian.rows[n][first..first + IN_LANES].copy_from_slice(&rate[n].slope);
+                }
+                for n in seeded {
+                    duals[n].slope[n - first] = R::zero();
                 }
                 first += IN_LANES;
             }

@@ -264,7 +264,12 @@ impl<R: Real, P: Parts> Contact<R, P> {
         if let Some(parts) = P::numbers::<R, _>(&side.others) {
             let finger = [q.finger[i], p.finger[i]];
             let at = PartsAt { i, parts, radius: side.radius, object: *object, finger };
-            return R::outlined(InParts { at, deformation: Some(deformation), _parts: PhantomData }).0;
+            return R::outlined(InParts {
+                at,
+                constrained: false,
+                own: &mut { deformation },
+                _parts: PhantomData,
+            });
         }
         let arm = side.link.arm(i, object, q.finger[i], p.finger[i]);
         Self::new(i, side, object, &arm, deformation.0, deformation.1)
@@ -287,7 +292,9 @@ impl<R: Real, P: Parts> Contact<R, P> {
     ) -> (Self, Determined<R>) {
         if let Some(parts) = P::numbers::<R, _>(&side.others) {
             let at = PartsAt { i, parts, radius: side.radius, object: *object, finger: [angle, turn] };
-            return R::outlined(InParts { at, deformation: None, _parts: PhantomData });
+            let mut own = (R::zero(), [R::zero(); 2]);
+            let contact = R::outlined(InParts { at, constrained: true, own: &mut own, _parts: PhantomData });
+            return (contact, own);
         }
         let arm = side.link.arm(i, object, angle, turn);
         let d_n = (side.radius + side.face.distance) - arm.sx;
@@ -369,10 +376,11 @@ struct PartsAt<'a, R> {
 }
 
 task! {
-    /// Computes a contact, on the constraints unless a deformation is given.
+    /// Computes a contact at a deformation, which is set to that of the constraints if the contact is on them. The contact is
+    /// returned alone, so that it need not be copied to its place.
     ['a, R: Real, P: Parts]
-    InParts<'a, R, P>(at: PartsAt<'a, R>, deformation: Option<Determined<R>>, _parts: PhantomData<P>)
-    for R => (Contact<R, P>, Determined<R>) = at.contact(deformation)
+    InParts<'a, R, P>(at: PartsAt<'a, R>, constrained: bool, own: &'a mut Determined<R>, _parts: PhantomData<P>)
+    for R => Contact<R, P> = at.contact(constrained, own)
 }
 
 impl<R: Real> PartsAt<'_, R> {
@@ -383,9 +391,9 @@ impl<R: Real> PartsAt<'_, R> {
         [x.dot2(cos, up, sin), up.dot2(cos, -x, sin)]
     }
 
-    /// The contact at this deformation, or at the one that the constraints determine.
+    /// The contact at this deformation, which is first set to the one that the constraints determine if it is on them.
     #[inline(always)]
-    fn contact<P>(&self, deformation: Option<Determined<R>>) -> (Contact<R, P>, Determined<R>) {
+    fn contact<P>(&self, constrained: bool, deformation: &mut Determined<R>) -> Contact<R, P> {
         let (i, [z, z_rate]) = (self.i, self.finger);
         let (mechanism, surface) = self.parts;
         let Frame { sin, cos, theta, omega, x, y, u, v } = self.object;
@@ -409,17 +417,14 @@ impl<R: Real> PartsAt<'_, R> {
         // The angle of the normal, then theta_p = phi + s_i Theta.
         let (sin_normal, cos_normal) = (sin.dot2(n_cos, cos, n_sin), cos.dot2(n_cos, -sin, n_sin));
         let [angle, sin_base, cos_base] = base.angle;
-        let (d_n, rates) = match deformation {
-            Some(own) => own,
-            None => {
-                let d_n = self.radius - foot.distance;
-                (d_n, [-signed(i, speed_n), -foot.distance.mul_add(turn, speed_t)])
-            }
-        };
+        if constrained {
+            let rates = [-signed(i, speed_n), -foot.distance.mul_add(turn, speed_t)];
+            *deformation = (self.radius - foot.distance, rates);
+        }
+        let (d_n, [d_n_rate, d_t_rate]) = *deformation;
         let thickness = self.radius - d_n;
-        let [d_n_rate, d_t_rate] = rates;
         let square = z_rate * z_rate;
-        let contact = Contact {
+        Contact {
             tilt: angle + (signed(i, theta) + foot.tilt),
             sin_tilt: sin_base.dot2(cos_normal, signed(i, cos_base), sin_normal),
             cos_tilt: cos_base.dot2(cos_normal, -signed(i, sin_base), sin_normal),
@@ -442,7 +447,6 @@ impl<R: Real> PartsAt<'_, R> {
             nonholonomic: thickness.mul_add(turn, speed_t) + d_t_rate,
             bias_h: signed(i, bend_n.neg_mul_add(square, normal_turn.dot2(speed_t, omega, r_t_rate))),
             bias_n: -(bend_t.mul_add(square, normal_turn.dot2(speed_n, omega, r_n_rate)) + d_n_rate * turn),
-        };
-        (contact, (d_n, rates))
+        }
     }
 }

@@ -19,7 +19,7 @@
 //! same forces along its travel.
 
 use crate::model::Plant;
-use crate::number::{Real, dot, signed};
+use crate::number::{Real, signed};
 
 #[derive(Debug, Clone, Copy)]
 pub struct FrameMotion<R> {
@@ -72,7 +72,7 @@ impl<R: Real> FrameMotion<R> {
 
 impl<R: Real> Plant<R> {
     /// The forces of the frame's motion, (M1) to (M4), with `force` along fixed axes on the object added, for the object's
-    /// coordinates (x, y, theta) and their rates.
+    /// coordinates (x, y, theta) and their rates, on which they depend only while the frame turns.
     #[inline(always)]
     pub fn loads(&self, frame: &FrameMotion<R>, force: &[R; 3], q: [R; 3], p: [R; 3]) -> FrameLoads<R> {
         let ([x, y, _], [u, v, _], [mass, _, inertia]) = (q, p, self.masses.object);
@@ -105,7 +105,7 @@ impl<R: Real> Plant<R> {
             force: [x + object[0], y + object[1], force[2] + object[2]],
             fingers,
             object,
-            external: dot(&[x, y, force[2]], &p),
+            outside: [x, y],
         }
     }
 }
@@ -119,5 +119,6 @@ pub struct FrameLoads<R> {
     pub fingers: [[R; 3]; 2],
     /// Those on the object alone, (M1) to (M3).
     pub object: [R; 3],
-    pub external: R,
+    /// The external force along the hand's axes.
+    pub outside: [R; 2],
 }
