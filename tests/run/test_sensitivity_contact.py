@@ -140,7 +140,7 @@ def check(seeds: range, **how: Any) -> None:
     [
         (0, "rk4", "csm"),
         (300, "dop853", "projected"),
-        (0, "implicit_midpoint", "projected"),
+        pytest.param(0, "implicit_midpoint", "projected", marks=pytest.mark.slow),
         (0, "radau5", "csm"),
         (300, "rosenbrock", "projected"),
     ],
