@@ -25,30 +25,18 @@ SHORT = tuple(script for script in SCRIPTS if script not in LONG)
 # Each has a process of its own.
 GROUPS = [SHORT[:8], SHORT[8:], pytest.param(LONG, marks=pytest.mark.slow)]
 
-# Runs scripts with an option, and prints a line with its name before each. The clocks run each work
-# once: no test depends on timings.
+# Runs scripts with an option, and prints a line with its name before each. The clocks take one
+# turn: no test depends on timings.
 TOGETHER = """
-import contextlib, runpy, sys, time
-import numpy as np
+import contextlib, runpy, sys
 import rough_figures
 rough_figures.use(True)
 sys.path.insert(0, "benchmarks")
 import machine
 
-def median_time(work, repeats, budget=10.0, timer=time.perf_counter):
-    start = timer()
-    work()
-    return max(timer() - start, 1e-9)
-
-def clock(works, rounds, budget=1.5, timer=time.perf_counter, begins=()):
-    spent = []
-    for k, work in enumerate(works):
-        if begins:
-            begins[k]()
-        spent.append(np.array([median_time(work, 1, timer=timer)]))
-    return spent
-
-machine.median_time, machine.clock = median_time, clock
+once, turns = machine.median_time, machine.clock
+machine.median_time = lambda work, repeats, *rest, **named: once(work, 1, *rest, **named)
+machine.clock = lambda works, rounds, *rest, **named: turns(works, 1, *rest, **named)
 _, option, *scripts = sys.argv
 for script in scripts:
     print("====", script, flush=True)
