@@ -207,7 +207,7 @@ class Inputs:
 @final
 class Batch:
     warning: str | None
-    may_be_unstable: bool
+    least_stable: tuple[float, int]
     def __new__(
         cls,
         parameters: _Floats,

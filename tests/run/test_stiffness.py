@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
+from hypothesis.strategies import integers
 
 import softpinch as sp
 from random_pinches import open_share, random_pinch
@@ -95,6 +96,37 @@ def test_an_end_that_no_stiff_method_has_reached_is_not_called_unconfirmed(
     (text,) = said(lambda: sp.simulate(OVERDAMPED, dt=1e-4))
     assert "confirm" not in text
     assert "a stiff method looked up to t = " in text
+
+
+def test_of_completed_runs_the_least_stable_one_is_looked_at() -> None:
+    """One of forty has too long steps during its slip."""
+    scene, limit = slipping_shortly()
+    viscosities = np.full(40, 100.0)
+    viscosities[17] = 300.0
+    vary = {"hand.tip.tangential_viscosity": viscosities}
+
+    def study(dt: float) -> sp.Ensemble:
+        return sp.monte_carlo(scene, 40, vary=vary, dt=dt, progress=False)
+
+    (text,) = said(lambda: study(1.05 * limit))
+    assert text.startswith("run 17: ") and "the run completed" in text
+    assert not said(lambda: study(0.9 * limit))
+
+
+@pytest.mark.parametrize("method", ["rk4", "dop853"])
+@settings(max_examples=50, deadline=None)
+@given(seed=integers(0, 2**32 - 1))
+def test_the_strictest_steps_are_those_of_the_eigenvalues(method: str, seed: int) -> None:
+    """The bound that spares eigenvalues is one, and eigenvalues that are left out decide nothing."""
+    rng = np.random.default_rng(seed)
+    modes = rng.normal(size=(3, 14, 14)) * 10.0 ** rng.uniform(-1, 1)
+    rates = stiffness.eigenvalues(modes)
+    largest = float(np.abs(rates).max())
+    assert largest <= stiffness._largest(modes) * (1.0 + 1e-12) < 1.4 * largest
+    steps = stiffness.stable_steps(method, rates).min(axis=1)
+    np.testing.assert_array_equal(stiffness.strictest_steps(method, rates), steps)
+    finite = steps[np.isfinite(steps)]
+    assert (finite >= stiffness.least_reach(method) / largest * (1.0 - 1e-9)).all()
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
@@ -223,7 +255,8 @@ def test_a_study_with_physical_failures_warns_of_its_completed_runs() -> None:
     assert text.startswith("run 0: ") and "the run completed" in text
 
 
-def test_a_step_too_long_for_a_short_slip_only_warns() -> None:
+def slipping_shortly() -> tuple[sp.Scene, float]:
+    """A scene, and the longest stable step of RK4 during its slip."""
     # Nine switches have most steps of the stiff run that looks for the limit; the slip has few.
     tip = sp.Fingertip(tangential_mass=0.02, tangential_viscosity=300.0)
     times, angles = 0.05 * np.arange(9), 8.0 + 0.5 * (np.arange(9) % 2)
@@ -237,7 +270,11 @@ def test_a_step_too_long_for_a_short_slip_only_warns() -> None:
         disturbances=[sp.Pulse(time=0.17, duration=0.001, force=(0.0, 150.0))],
     )
     # RK4 damps the shear of a slipping tip, m d'' + c d' = 0 but for its weak spring, up to this.
-    limit = 2.785 * 0.02 / 300.0
+    return scene, 2.785 * 0.02 / 300.0
+
+
+def test_a_step_too_long_for_a_short_slip_only_warns() -> None:
+    scene, limit = slipping_shortly()
     run = sp.simulate(scene, dt=0.9 * limit)
     slips = [change.time for change in run.contact_changes]
     assert run.status == "completed" and 0.17 < min(slips) < max(slips) < 0.172

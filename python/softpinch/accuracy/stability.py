@@ -15,7 +15,7 @@ from .. import _core
 from ..analysis.states import state_names
 from ..run import Request, Run, computed, scaled_error
 from ..run.options import MOST_STEPS, Options
-from ..run.stiffness import eigenvalues, stable_steps
+from ..run.stiffness import eigenvalues, stable_steps, strictest_steps
 from ..scene import Scene, Stabilization, State, branches
 from ..scene.contact import require_formulations
 from ..scene.control import require_known_torque
@@ -69,7 +69,7 @@ class Modes(Result):
         oscillations count as undamped. The step is zero where an entry of J overflowed.
         """
         method = checks.choice("method", method, _core.METHODS)
-        return np.asarray(stable_steps(method, self.rates).min(axis=1))
+        return strictest_steps(method, self.rates)
 
     def _tables(self) -> Iterator[ShownTable]:
         """The modes at the first instant, the fastest growing one first."""

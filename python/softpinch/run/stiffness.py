@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -75,10 +76,42 @@ def stable_steps(method: str, rates: Complexes) -> Floats:
     Modes that grow physically impose no limit, except slowly growing oscillations, which count as
     undamped. The step is zero where an eigenvalue is NaN.
     """
-    swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
-    rates = np.where(swinging, 1j * rates.imag, rates)
+    rates = _undamped(rates)
     steps = _core.stable_step(method, rates.ravel()).reshape(rates.shape)
     return np.asarray(np.where(np.isnan(rates), 0.0, steps))
+
+
+@cache
+def least_reach(method: str) -> float:
+    """The least distance from 0 to the border of the stability region in the left half-plane."""
+    directions = 1j * np.exp(1j * np.linspace(0.0, 0.5 * math.pi, 91))
+    return float(stable_steps(method, directions).min())
+
+
+def _largest(matrices: Floats) -> float:
+    """A bound on |eigenvalue| of matrices (n, m, m), at most some tens of percent above it.
+
+    |eigenvalue|^64 is at most the norm of the power (Gelfand). Inf or NaN where it overflows.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(6):
+            matrices = matrices @ matrices
+        return float(np.sqrt((matrices**2).sum(axis=(1, 2)).max()) ** (1.0 / 64.0))
+
+
+def strictest_steps(method: str, rates: Complexes) -> Floats:
+    """The least of `stable_steps` in each row of eigenvalues (n, states), (n,), s."""
+    # A stability region reaches less than twice as far in one direction of the left half-plane as
+    # in another, so an eigenvalue below half of the largest one decides nothing.
+    rates = _undamped(rates)
+    sizes = np.abs(rates)
+    largest = np.where(rates.real > 0.0, 0.0, sizes).max(axis=1, keepdims=True)
+    return stable_steps(method, np.where(sizes < 0.5 * largest, 0.0, rates)).min(axis=1)
+
+
+def _undamped(rates: Complexes) -> Complexes:
+    swinging = (rates.real > 0.0) & (rates.real < _SWINGS * np.abs(rates))
+    return np.where(swinging, 1j * rates.imag, rates)
 
 
 def is_explicit(method: str) -> bool:
@@ -100,7 +133,7 @@ def too_long(request: Request, status: str, end: float) -> str | None:
     # The status belongs to the next step if a number overflowed in it.
     duration = min(end - scene.start().time + 2.0 * options.dt, scene.duration)
     motion = request.with_(
-        replace(scene, duration=duration),
+        replace(scene, duration=duration) if duration < scene.duration else scene,
         dt=None,
         tolerance=_TOLERANCE,
         method=STIFF,
@@ -145,8 +178,12 @@ def too_long(request: Request, status: str, end: float) -> str | None:
 
 
 def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
-    """The longest stable step at each row of the motion, s; inf in rows that are not looked at."""
-    scene, method = request.scene, request.options.method
+    """The longest stable step at each row of the motion, s; inf in rows that are not looked at.
+
+    All are inf if a bound on the eigenvalues shows that the steps of the run are stable.
+    """
+    scene, method, dt = request.scene, request.options.method, request.options.dt
+    assert dt is not None
     steps = np.full(len(motion["t"]), np.inf)
     # Some rows, and in each mode those with the extreme compressions: where it is most compressed a
     # tip is stiffest, and where it is least, its viscosity counts most.
@@ -164,10 +201,12 @@ def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
     integral = np.zeros((len(rows), 2)) if sampled else integral
     contacts = None if motion["contacts"] is None else motion["contacts"][rows]
     found = request.linear_model(t, q, p, integral, contacts=contacts, open_loop=sampled)
+    if _largest(dt * found["A"]) < least_reach(method):
+        return steps
     rates = eigenvalues(found["A"])
     # Of a pair of conjugates one is enough.
     half = np.where(rates.imag < 0.0, 0.0, rates)
-    steps[rows] = stable_steps(method, half).min(axis=1)
+    steps[rows] = strictest_steps(method, half)
     return steps
 
 

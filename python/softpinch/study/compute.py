@@ -64,7 +64,8 @@ class Computation:
         self._threads = threads
         self._progress = progress
         self._warned = False
-        self._may_be_unstable = False
+        # The run whose step is the longest by the one that is surely stable, and this ratio.
+        self._least_stable = (0.0, -1)
         # The last chunk that was checked. A study of one chunk need not be checked again.
         self._checked: engine.Checked | None = None
 
@@ -83,7 +84,8 @@ class Computation:
                 batch = self.spec.batch(block)
                 self._checked = block, batch
                 advice |= {batch.warning} if batch.warning else set()
-                self._may_be_unstable |= batch.may_be_unstable
+                ratio, place = batch.least_stable
+                self._least_stable = max(self._least_stable, (ratio, int(block.run[place])))
                 if finer is not None:
                     with checks.reworded("check_dt: "):
                         finer.batch(block)
@@ -135,7 +137,10 @@ class Computation:
                 results._add_trajectory(run, replayed)
 
     def _warn_of_steps(self, results: Results) -> None:
-        """Looks at some unstable or else failed runs, and others whose steps may be too long."""
+        """Looks at some unstable or else failed runs, and at the one whose steps may be too long.
+
+        That is the one with the longest step by the bound of the core; a look takes milliseconds.
+        """
         options = self.spec.options
         if options.dt is None or not is_explicit(options.method):
             return
@@ -145,9 +150,10 @@ class Computation:
             failed_parts.append(Spans.of(part["run"][part["status"] != "completed"]).edges)
         unstable, failed = Spans.joined(unstable_parts), Spans.joined(failed_parts)
         suspects = (unstable if unstable.count else failed).evenly_spaced(_SUSPECTS).tolist()
-        if not unstable.count and self._may_be_unstable:
-            completed = results._computed.without(failed)
-            suspects += completed.evenly_spaced(_SUSPECTS).tolist()
+        ratio, least_stable = self._least_stable
+        looks = ratio > 1.0 and results.has(least_stable) and not failed.has(least_stable)
+        if not unstable.count and looks:
+            suspects.append(least_stable)
         text, run, status = None, -1, ""
         for run in suspects:
             row = results._rows_of(np.array([run], np.uint64)).columns

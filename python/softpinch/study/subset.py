@@ -316,12 +316,12 @@ def importance_sampling(
         weights = _weights(inside @ axes, mixture)
         points = inside[rng.choice(len(inside), 2000, p=weights / weights.sum())]
     mean, square = float(weights.sum()) / number, float((weights**2).sum()) / number
-    missed, most = 0.0, 0.05 * number * mean
+    missed, large = 0.0, 0.05 * number * mean
     if levels.found:  # the chains may know greater weights than these runs have
         known = _weights(levels.points @ axes, mixture)
         # Where one run would be 5 % of the estimate, there may be none.
-        missed = float((known > most).mean())
-        square = max(square, mean * float(np.minimum(known, most).mean()))
+        missed = float((known > large).mean())
+        square = max(square, mean * float(np.minimum(known, large).mean()))
     cov = math.hypot(math.sqrt(max(square / mean**2 - 1.0, 0.0) / (number - 1)), missed)
     if few:
         cov = max(cov, levels.cov)  # the runs may not know all ways to the event

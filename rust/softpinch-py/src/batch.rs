@@ -56,6 +56,7 @@ pub struct Batch {
     /// Advice for steps that are too long for the gains of the stabilisation, in any run.
     #[pyo3(get)]
     warning: Option<String>,
+    least_stable: (f64, usize),
 }
 
 impl Batch {
@@ -171,29 +172,35 @@ impl Batch {
             runs,
             options,
             warning: None,
+            least_stable: (0.0, 0),
         };
-        let (longest, guard) = py.detach(|| {
-            let (mut longest, mut guard) = (0.0f64, false);
+        let (longest, least_stable) = py.detach(|| {
+            let (mut longest, mut least_stable) = (0.0f64, (0.0, 0));
             let mut signals = Signals::new();
             for run in 0..runs {
                 signals.check()?;
                 let step = batch.scene(run).and_then(|scene| {
-                    guard |= batch.options.may_be_unstable(&scene);
+                    let ratio = batch.options.step_to_stable_one(&scene);
+                    if ratio > least_stable.0 {
+                        least_stable = (ratio, run);
+                    }
                     check_scene(&scene, &batch.options)
                 });
                 longest = longest.max(step.map_err(|error| raise(error.of_run(run)))?);
             }
-            PyResult::Ok((longest, guard))
+            PyResult::Ok((longest, least_stable))
         })?;
         batch.warning = stability_warning(&batch.options, longest);
-        (batch.options.guard, batch.options.checked) = (guard, true);
+        (batch.options.guard, batch.options.checked) = (least_stable.0 > 1.0, true);
+        batch.least_stable = least_stable;
         Ok(batch)
     }
 
-    /// Whether the steps of any run may be beyond the stability limit of the method, by a bound on the rates.
+    /// The run whose step is the longest by the one that is stable by a bound on the rates: this ratio, above 1 if the run
+    /// may be unstable, and its place among the runs.
     #[getter]
-    fn may_be_unstable(&self) -> bool {
-        self.options.guard
+    fn least_stable(&self) -> (f64, usize) {
+        self.least_stable
     }
 
     /// Simulates all runs. `watch(done)` is called from time to time and stops the runs by returning True.

@@ -90,6 +90,11 @@ impl<'a> ContactEquations<'a> {
         f64::outlined(Swept { terms })
     }
 
+    /// The acceleration with which the gap of contact i closes, m/s^2.
+    pub fn falls(&self, terms: &Terms<f64>, i: usize) -> f64 {
+        -(self.swept(terms)[i] + terms.geometry.bias()[i])
+    }
+
     /// theta_p of both tips.
     pub fn tilts(&self, q: &Coordinates) -> [f64; 2] {
         std::array::from_fn(|i| self.plant().sides[i].tilt::<Any>(i, q).0)

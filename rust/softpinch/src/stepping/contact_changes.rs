@@ -160,8 +160,8 @@ impl EventStepper<'_> {
     fn is_low(&self, place: &SegmentState, motion: &Motion<f64>, i: usize) -> bool {
         let terms = self.equations.terms(&self.input(place.tau), &self.drive.contacts, motion);
         let speed = terms.geometry.constraint_velocity()[i];
-        let falls = -(self.equations.swept(&terms)[i] + terms.geometry.bias()[i]);
-        speed >= 0.0 || speed * speed <= 2.0 * falls * self.scale(motion, i) * BOUNCE
+        speed >= 0.0
+            || speed * speed <= 2.0 * self.equations.falls(&terms, i) * self.scale(motion, i) * BOUNCE
     }
 
     /// The size of the numbers of which the gap of contact i is the difference, m.
@@ -183,28 +183,30 @@ impl EventStepper<'_> {
         let slips = [0, 1].map(|k| if sticks[k] { None } else { Slip::of(rates[2 + k], 0.0) });
         let held = slips.map(|slip| slip.map_or(Mode::Stick, Mode::Slip));
         let only = |free: Option<usize>| [0, 1].map(|k| if free == Some(k) { Mode::Free } else { held[k] });
-        // The acceleration while a contact or none is free, that with which its gap closes, and what presses the other one.
-        let flight = |free: Option<usize>| {
-            let terms = self.equations.terms(&input, &contacts_in(only(free), &now, tilts), motion);
-            let (swept, bias) = (self.equations.swept(&terms), terms.geometry.bias());
-            let found = free.map_or([0.0; 2], |k| [-(swept[k] + bias[k]), terms.response.multipliers[1 - k]]);
-            (terms.response.acceleration, found)
-        };
-        let [(of_i, [falls_i, presses_j]), (of_j, [falls_j, presses_i])] = [i, j].map(|k| flight(Some(k)));
-        let (speed, (both, _), mut settled) = (rates[j], flight(None), *motion);
+        let flight =
+            |free: Option<usize>| self.equations.terms(&input, &contacts_in(only(free), &now, tilts), motion);
+        let (in_j, scale) = (flight(Some(j)), self.scale(motion, j));
+        let (speed, falls_j) = (rates[j], self.equations.falls(&in_j, j));
+        // Most flights are higher, or do not fall back.
+        if speed * speed >= 2.0 * falls_j * LOW * scale {
+            return;
+        }
+        let (in_i, in_none, mut settled) = (flight(Some(i)), flight(None), *motion);
+        let falls_i = self.equations.falls(&in_i, i);
         self.equations.jump(ContactJump::Impact(only(Some(i))), &mut settled);
         // The speed with which contact i opens when j has met its face.
         let back = -velocity(&settled)[i];
         let rest = 1.0 - back / approach;
         // The sum has the order of the flights only if both slip, and none opens by itself in the flight of the other one.
-        let exact = !(sticks[i] || sticks[j]) && presses_i > 0.0 && presses_j > 0.0;
-        let low = if exact { LOW } else { BOUNCE } * self.scale(motion, j);
+        let presses = in_i.response.multipliers[j] > 0.0 && in_j.response.multipliers[i] > 0.0;
+        let exact = !(sticks[i] || sticks[j]) && presses;
         let falls_back = [back, rest, falls_i, falls_j].iter().all(|&number| number > 0.0);
-        if !(falls_back && speed * speed < 2.0 * falls_j * low) {
+        if !(falls_back && (exact || speed * speed < 2.0 * falls_j * BOUNCE * scale)) {
             return;
         }
         let [t_i, t_j] = [back / falls_i, speed / falls_j].map(|time| 2.0 * time / rest);
         let p = motion.p;
+        let [of_i, of_j, both] = [in_i, in_j, in_none].map(|terms| terms.response.acceleration);
         settled.p = each_coordinate!([p, of_i, of_j, both] => p + t_i * (of_i - both) + t_j * (of_j - both));
         self.equations.jump(ContactJump::Impact(held), &mut settled);
         let after = velocity(&settled);

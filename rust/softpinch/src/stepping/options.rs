@@ -76,10 +76,16 @@ impl Default for Options {
 
 impl Options {
     /// Whether the steps of a run may be beyond the stability limit of its method, by a bound on the rates of the
-    /// motion. Methods with error control, and those that are stable for every step, need no such bound.
+    /// motion.
     pub fn may_be_unstable(&self, scene: &Scene) -> bool {
-        let Steps::Fixed(dt) = self.steps else { return false };
-        self.surely_stable_step(scene) < dt.min(scene.duration) / f64::from(self.refine)
+        self.step_to_stable_one(scene) > 1.0
+    }
+
+    /// The steps of a run by the longest one that is stable by that bound. It is zero for methods with error control, and
+    /// for those that are stable for every step.
+    pub fn step_to_stable_one(&self, scene: &Scene) -> f64 {
+        let Steps::Fixed(dt) = self.steps else { return 0.0 };
+        dt.min(scene.duration) / f64::from(self.refine) / self.surely_stable_step(scene)
     }
 
     /// The longest step that is stable by the bound on the rates, s; infinite if every step is stable.
