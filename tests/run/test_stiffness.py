@@ -117,7 +117,7 @@ def test_of_completed_runs_the_least_stable_one_is_looked_at() -> None:
 @settings(max_examples=50, deadline=None)
 @given(seed=integers(0, 2**32 - 1))
 def test_the_strictest_steps_are_those_of_the_eigenvalues(method: str, seed: int) -> None:
-    """The bound that spares eigenvalues is one, and eigenvalues that are left out decide nothing."""
+    """The bound on eigenvalues is one, and those that are left out decide nothing."""
     rng = np.random.default_rng(seed)
     modes = rng.normal(size=(3, 14, 14)) * 10.0 ** rng.uniform(-1, 1)
     rates = stiffness.eigenvalues(modes)

@@ -106,7 +106,8 @@ def strictest_steps(method: str, rates: Complexes) -> Floats:
     rates = _undamped(rates)
     sizes = np.abs(rates)
     largest = np.where(rates.real > 0.0, 0.0, sizes).max(axis=1, keepdims=True)
-    return stable_steps(method, np.where(sizes < 0.5 * largest, 0.0, rates)).min(axis=1)
+    steps: Floats = stable_steps(method, np.where(sizes < 0.5 * largest, 0.0, rates)).min(axis=1)
+    return steps
 
 
 def _undamped(rates: Complexes) -> Complexes:
