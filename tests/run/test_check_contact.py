@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import softpinch as sp
 from softpinch import _core
+from unilateral_parts import grasp
 from unilateral_scenes import RECORD, gripped, pushes, regripped, thrown
 
 FREE, STICK, SLIP, GRAZE = sp.ContactMode
@@ -62,6 +63,19 @@ def test_a_slip_that_an_impact_stops_at_the_start_has_not_lasted() -> None:
     assert run.violations == {"opened": 0.0, "slipping": 0.01}
     assert run.violation_intervals["slipping"][0, 0] == 0.01
     run.check()
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "method"),
+    [("jaw", 10, "dop853"), ("power law", 115, "radau5"), ("mixed", 64, "rosenbrock")],
+)
+def test_a_multiplier_that_starts_from_zero_has_the_error_of_its_event(
+    kind: str, seed: int, method: str
+) -> None:
+    """After a graze lambda^H begins with some -1e-8 N."""
+    scene = grasp(kind, seed, duration=0.03)
+    run = sp.simulate(scene, method=method, tolerance=1e-6, record=("multipliers", "contact"))
+    assert run.check() is run
 
 
 def test_a_run_that_ends_as_it_starts_closes_its_ledger_to_round_off() -> None:

@@ -24,6 +24,8 @@ _SEPARATION = 1e-9
 SHOWN_BY = {"slipping": ContactMode.SLIP, "opened": ContactMode.FREE}
 # This share of the largest multiplier, or of the largest energy, along the run is round-off.
 _ROUND_OFF = 1e-12
+# So much is the error of a multiplier that starts from zero at an event, which is located.
+_AT_EVENT = 1e-8
 # A loss may fall by this share of the exchanged energy, the default limit of the ledger's error: an
 # excursion that begins and ends within a step is not seen, and a method's stages may lie beyond the
 # end of a slip.
@@ -224,7 +226,8 @@ def _check_end(run: Run) -> None:
 def _check_multipliers(run: Run, modes: Modes) -> None:
     normal, tangential = run.multipliers[:, :2], run.multipliers[:, 2:]
     limit = np.broadcast_to(np.asarray(run.scene.friction, dtype=float), (2,)) * normal
-    least = _ROUND_OFF * float(np.abs(run.multipliers).max())
+    changes = np.isin(run.t, [change.time for change in run.contact_changes])[:, None]
+    least = np.where(changes, _AT_EVENT, _ROUND_OFF) * float(np.abs(run.multipliers).max())
     untouched = (modes == ContactMode.FREE) | (modes == ContactMode.GRAZE)
     slips = modes == ContactMode.SLIP
     off = {
