@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 
 import numpy as np
@@ -111,6 +112,10 @@ class Record(ByValue):
         object.__setattr__(self, name, value)
 
     def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
         # -0.0 equals 0.0, so both must hash alike: adding zero turns -0.0 into 0.0.
         keys = (
             (value.shape, (value + 0.0).tobytes()) if isinstance(value, np.ndarray) else value

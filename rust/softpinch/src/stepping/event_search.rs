@@ -132,11 +132,14 @@ impl EventStepper<'_> {
         from: &SegmentState,
         (h, arrived): (f64, &States<f64>),
     ) -> EventResult<Option<(f64, Event)>> {
-        let mut y = *arrived;
+        let (mut last, mut y) = (h, *arrived);
+        if let Some(length) = self.corner(from, (h, arrived))? {
+            (last, y) = (length, self.step_from(from, length)?);
+        }
         let mut located: Vec<(f64, Event)> = Vec::new();
         let mut earliest: Option<(f64, Event)> = None;
         for _ in 0..MOST_EVENTS {
-            let end = earliest.map_or(h, |(length, _)| length);
+            let end = earliest.map_or(last, |(length, _)| length);
             let (terms, motion) = self.terms_at(from.tau + end, &y);
             if terms.response.acceleration.row().iter().any(|a| !a.is_finite()) {
                 return Err(from.end(Reason::NotFinite));
@@ -157,6 +160,41 @@ impl EventStepper<'_> {
             }
         }
         Ok(earliest)
+    }
+
+    /// The length of a step that ends where a free tip passes the end of its face, if that tip has met the face before: it
+    /// comes behind the face in the step of length `h` to `arrived`, at whose end it is beyond the face, so that no
+    /// impact is due there.
+    fn corner(&mut self, from: &SegmentState, (h, arrived): (f64, &States<f64>)) -> EventResult<Option<f64>> {
+        for i in 0..2 {
+            if self.run.contacts[i].closed {
+                continue;
+            }
+            // Whether the tip is behind its face, and beyond its end.
+            let quadrant = |stepper: &Self, tau: f64, y: &States<f64>| {
+                let geometry = stepper.geometry(&stepper.motion(&SegmentState { tau, y: *y }));
+                (geometry.residuals()[i] < 0.0, geometry.places()[i].abs() > stepper.limits.half_height[i])
+            };
+            let ends = [quadrant(self, from.tau, &from.y), quadrant(self, from.tau + h, arrived)];
+            if ends != [(false, false), (true, true)] {
+                continue;
+            }
+            let (mut low, mut high, mut meets) = (0.0, h, false);
+            while high - low > SLIVER * h {
+                let middle = 0.5 * (low + high);
+                let y = self.step_from(from, middle)?;
+                let (behind, beyond) = quadrant(self, from.tau + middle, &y);
+                if beyond {
+                    high = middle;
+                } else {
+                    (low, meets) = (middle, behind);
+                }
+            }
+            if meets {
+                return Ok(Some(low));
+            }
+        }
+        Ok(None)
     }
 
     /// The length of the step at whose end an event is just due, by the Illinois method (Dowell and Jarratt, "A

@@ -287,11 +287,16 @@ impl<R: Lanes> Limits<R> {
         certain
     }
 
-    /// The lanes in which an event of unilateral contact may be due.
+    /// The lanes in which an event of unilateral contact may be due. A free tip behind its face and beyond the face's end
+    /// may have passed the corner within the step, and met the face before.
     #[inline(always)]
     pub fn due(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
         let mut found = 0;
         for i in 0..2 {
+            if contacts.free[i] != 0 {
+                let beyond = self.half_height[i].less(now.places[i].abs());
+                found |= contacts.free[i] & beyond & now.residuals[i].less(R::zero());
+            }
             self.conditions(now, Some(contacts), i, false, |condition| {
                 if let Failure::Event(_) = condition.failure {
                     found |= condition.fails();
