@@ -11,6 +11,7 @@ import pytest
 
 import softpinch as sp
 from softpinch.run import measures
+from unilateral_parts import grasp
 from unilateral_scenes import RECORD, gripped, regripped, thrown
 
 FREE, STICK, SLIP, GRAZE = sp.ContactMode
@@ -58,6 +59,21 @@ def test_an_object_is_lost_where_a_contact_leaves_its_face(how: dict[str, Any]) 
     assert run.t[-1] == pytest.approx(0.0563905557, abs=1e-9)
     endless = sp.simulate(thrown(grasped=sp.GraspedObject()), **how)
     assert (endless.status, endless.holds) == ("completed", False)
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("measured law", 48), ("tilted face", 182)])
+def test_a_free_tip_that_passes_a_corner_within_a_step_has_met_the_face(
+    kind: str, seed: int
+) -> None:
+    """At the end of a step it may be behind the face, and beyond the end that it passed since."""
+    scene = grasp(kind, seed, duration=0.03)
+    fine = sp.simulate(scene, dt=1e-5)
+    assert fine.status == "lost"
+    steps: list[dict[str, Any]] = [{"dt": 2e-4}, {"dt": 5e-4}, {"tolerance": 1e-6}]
+    for how in steps:
+        run = sp.simulate(scene, method="dop853", **how)
+        assert run.status == "lost"
+        assert run.t[-1] == pytest.approx(fine.t[-1], rel=1e-6)
 
 
 def test_contacts_that_change_without_end_are_chattering() -> None:

@@ -141,7 +141,7 @@ where
             system.evaluate_into(drive, tau + h, arrived, &mut end_state);
             stats.evaluations += 1;
             if lanes.batch.unilateral {
-                let due = lanes.batch.due(&end_state) & accepted & !lanes.batch.phases.at(Phase::Event);
+                let due = lanes.batch.due(&end_state, accepted & !lanes.batch.phases.at(Phase::Event));
                 if due != 0 {
                     let retakes = lanes.find_events(due, &start, (h, arrived));
                     accepted &= !retakes;

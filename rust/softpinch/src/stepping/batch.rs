@@ -116,6 +116,8 @@ pub struct LaneBatch<'a, R, P> {
     pub holds: bool,
     /// For each of [`VIOLATIONS`] the lanes in which an event has shown it since the last watched instant.
     pub(super) occurred: [Bits; VIOLATIONS.len()],
+    /// The lanes in which each tip was free and beyond the end of its side at the end of the last step.
+    pub(super) beyond: [Bits; 2],
     /// Lanes whose grasp has not held since the summaries' `after`.
     lost_grip: Bits,
     summaries: Summaries<R>,
@@ -149,6 +151,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             unilateral: options.contact == ContactModel::Unilateral,
             holds: options.contact == ContactModel::Unilateral,
             occurred: [0; VIOLATIONS.len()],
+            beyond: [0; 2],
             lost_grip: 0,
             summaries: Summaries::new(&options.summaries),
             resting,
@@ -178,7 +181,7 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         let initial = &scene.initial;
         put_motion(&mut self.start, lane, &initial.motion);
         let sets = [&mut self.guarded, &mut self.shown, &mut self.lost_grip];
-        for set in self.noted.iter_mut().chain(&mut self.occurred).chain(sets) {
+        for set in self.noted.iter_mut().chain(&mut self.occurred).chain(&mut self.beyond).chain(sets) {
             *set &= !bit;
         }
         if self.options.guard {

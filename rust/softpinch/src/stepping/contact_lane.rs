@@ -264,10 +264,20 @@ fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Conta
 }
 
 impl<R: Lanes, P> LaneBatch<'_, R, P> {
-    /// The lanes in which an event of unilateral contact is due.
+    /// The lanes in which an event of unilateral contact is due at the end of the steps of the lanes in `taken`. A tip that
+    /// has come beyond the end of its side may have met the side before, within the step.
     #[inline(always)]
-    pub fn due(&self, now: &Evaluation<R>) -> Bits {
-        self.limits.due(now, &self.drive.contacts) & self.active()
+    pub fn due(&mut self, now: &Evaluation<R>, taken: Bits) -> Bits {
+        let taken = taken & self.active();
+        let mut found = self.limits.due(now, &self.drive.contacts) & taken;
+        for (i, known) in self.beyond.iter_mut().enumerate() {
+            let beyond = self.limits.beyond(now, &self.drive.contacts, i);
+            found |= beyond & !*known & taken;
+            *known = beyond & taken | *known & !taken;
+        }
+        // Their steps may be taken again.
+        self.beyond = self.beyond.map(|known| known & !found);
+        found
     }
 
     /// The violations of unilateral contact at an instant, with those that events have shown before it.

@@ -18,7 +18,7 @@ impl<R: Lanes> EqualLanes<'_, R> {
     pub fn hold_lanes(&mut self, tau: R, at: &Instants<'_, R>, replacement: &mut States<R>) -> Result<Bits> {
         let mut loaded = 0;
         self.held = 0;
-        let due = if self.batch.unilateral { self.batch.due(at.now) & self.stepped } else { 0 };
+        let due = if self.batch.unilateral { self.batch.due(at.now, self.stepped) } else { 0 };
         if due | self.batch.phases.at(Phase::Start) != 0 {
             let certain = self.batch.limits.modes_certain(at.now, &self.batch.drive.contacts);
             loaded = self.meet_events((due, certain, tau), at, replacement)?;

@@ -162,21 +162,20 @@ impl EventStepper<'_> {
         Ok(earliest)
     }
 
-    /// The length of a step that ends where a free tip passes the end of its face, if that tip has met the face before: it
-    /// comes behind the face in the step of length `h` to `arrived`, at whose end it is beyond the face, so that no
-    /// impact is due there.
+    /// The length of a step that ends where a free tip passes the end of its side, if that tip is behind the side there: then
+    /// it has met the side, although no impact is due at the end of the step of length `h` to `arrived`, beyond the side.
     fn corner(&mut self, from: &SegmentState, (h, arrived): (f64, &States<f64>)) -> EventResult<Option<f64>> {
         for i in 0..2 {
             if self.run.contacts[i].closed {
                 continue;
             }
-            // Whether the tip is behind its face, and beyond its end.
+            // Whether the tip is behind its side, and beyond its end.
             let quadrant = |stepper: &Self, tau: f64, y: &States<f64>| {
                 let geometry = stepper.geometry(&stepper.motion(&SegmentState { tau, y: *y }));
-                (geometry.residuals()[i] < 0.0, geometry.places()[i].abs() > stepper.limits.half_height[i])
+                (geometry.residuals()[i] < 0.0, geometry.places()[i].abs() >= stepper.limits.half_height[i])
             };
-            let ends = [quadrant(self, from.tau, &from.y), quadrant(self, from.tau + h, arrived)];
-            if ends != [(false, false), (true, true)] {
+            let [before, after] = [(from.tau, &from.y), (from.tau + h, arrived)];
+            if quadrant(self, before.0, before.1) != (false, false) || !quadrant(self, after.0, after.1).1 {
                 continue;
             }
             let (mut low, mut high, mut meets) = (0.0, h, false);

@@ -287,16 +287,21 @@ impl<R: Lanes> Limits<R> {
         certain
     }
 
-    /// The lanes in which an event of unilateral contact may be due. A free tip behind its face and beyond the face's end
-    /// may have passed the corner within the step, and met the face before.
+    /// The lanes in which a tip is free and beyond the end of its side.
+    #[inline(always)]
+    pub fn beyond(&self, now: &Evaluation<R>, contacts: &Contacts<R>, i: usize) -> Bits {
+        if contacts.free[i] == 0 {
+            0
+        } else {
+            contacts.free[i] & self.half_height[i].less(now.places[i].abs())
+        }
+    }
+
+    /// The lanes in which an event of unilateral contact may be due.
     #[inline(always)]
     pub fn due(&self, now: &Evaluation<R>, contacts: &Contacts<R>) -> Bits {
         let mut found = 0;
         for i in 0..2 {
-            if contacts.free[i] != 0 {
-                let beyond = self.half_height[i].less(now.places[i].abs());
-                found |= contacts.free[i] & beyond & now.residuals[i].less(R::zero());
-            }
             self.conditions(now, Some(contacts), i, false, |condition| {
                 if let Failure::Event(_) = condition.failure {
                     found |= condition.fails();
