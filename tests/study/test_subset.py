@@ -231,6 +231,23 @@ def test_few_lineages_are_reported() -> None:
     assert any("descends from" in text for text in found.warnings)
 
 
+def test_runs_in_all_directions_tell_of_ways_that_few_lineages_may_have_lost() -> None:
+    """Levels go where the distance falls first, and lose most lineages where it falls no more."""
+
+    def distance(u: np.ndarray) -> np.ndarray:
+        return np.where(u[:, 0] > 3.9, 4.7534 - u[:, 0], np.maximum(5.0 - u[:, 1], 1.0))
+
+    covs = []
+    for seed in range(10):
+        found, method = estimate(distance, 2, 30_000, generator(seed))
+        assert method == "importance" and found.warnings
+        assert found.end(-1.0) < BELOW(-4.7534) < found.end(1.0)
+        if found.lineages < 5.0:
+            covs.append(found.cov)
+    # Where these runs have met the event they tell; elsewhere `cov` stays that of the levels.
+    assert len(covs) > 2 and min(covs) < 0.1 and max(covs) > 0.9
+
+
 def test_ctrl_c_keeps_the_finished_levels() -> None:
     calls = []
 

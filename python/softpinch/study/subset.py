@@ -37,6 +37,8 @@ _FAR = 5.0
 _WIDER = 1.15
 # Fewer effective lineages hardly tell how many ways to the event there are.
 _FEW_LINEAGES = 5.0
+# The effective number of runs in all directions with the event that tells of ways instead.
+_MET = 10.0
 # The most dimensions in which runs are weighted; from `_MANY` on, these lead to the event. Above
 # `FEW`, "auto" tries it with so many runs for each number, and takes the smaller `cov`.
 FEW, _MANY, _RUNS_EACH = 12, 5, 100
@@ -298,22 +300,26 @@ def importance_sampling(
         near = points @ axes
         radii = np.linalg.norm(near, axis=1)
         far = max(1.0, 0.5 * float(radii.min(initial=_FAR)))
-        mixture: Mixture = [(1.0, normal(np.zeros(r), far**2 * np.eye(r)))]
+        wide: Mixture = [(1.0, normal(np.zeros(r), far**2 * np.eye(r)))]
+        mixture = wide
         if len(points):
             # The runs of the first level, moved as far out as the event, lie in all of its ways.
             out = float(np.median(radii) / np.median(np.linalg.norm(first, axis=1)))
-            mixture = _joined((0.5, mixture), (0.5, _mixture(out * first, rng)))
-            mixture = _joined((share, mixture), (1.0 - share, _mixture(near, rng)))
+            wide = _joined((0.5, wide), (0.5, _mixture(out * first, rng)))
+            mixture = _joined((share, wide), (1.0 - share, _mixture(near, rng)))
         counts = rng.multinomial(number, [weight for weight, _ in mixture])
         drawn = [one.rvs(n, rng) for n, (_, one) in zip(counts, mixture, strict=True)]
         trial = np.concatenate([each.reshape(-1, r) for each in drawn]) @ axes.T
         if r < len(axes):
             beside = rng.standard_normal(trial.shape)
             trial += beside - beside @ axes @ axes.T
-        inside = trial[distance(trial) <= 0.0]
+        happens = distance(trial) <= 0.0
+        inside = trial[happens]
         if not len(inside):
             return levels
         weights = _weights(inside @ axes, mixture)
+        first_ones = np.arange(number) < counts[: len(wide)].sum()
+        alone = _weights(trial[happens & first_ones] @ axes, wide)
         points = inside[rng.choice(len(inside), 2000, p=weights / weights.sum())]
     mean, square = float(weights.sum()) / number, float((weights**2).sum()) / number
     missed, large = 0.0, 0.05 * number * mean
@@ -324,7 +330,10 @@ def importance_sampling(
         square = max(square, mean * float(np.minimum(known, large).mean()))
     cov = math.hypot(math.sqrt(max(square / mean**2 - 1.0, 0.0) / (number - 1)), missed)
     if few:
-        cov = max(cov, levels.cov)  # the runs may not know all ways to the event
+        # Of a way to the event that the levels lost, the runs in all directions may tell: what none
+        # of n such runs has met is about 1 / n of the probability.
+        met = _effective(alone) if len(alone) else 0.0
+        cov = max(cov, min(levels.cov, math.hypot(cov, 1.0 / met) if met > _MET else math.inf))
     lost = [] if levels.found else ["the levels did not lead to the event: runs around it did"]
     if (most := weights.max() / weights.sum()) > 0.05:
         lost.append(f"{most:.0%} of the estimate comes from one run: cov may be too small")
@@ -373,11 +382,11 @@ def _weights(points: Floats, mixture: Mixture) -> Floats:
 
 
 def _mixture(points: Floats, rng: np.random.Generator) -> Mixture:
-    """Weights and normal distributions about up to 4 groups of points (n, d)."""
+    """Weights and normal distributions about up to 8 groups of points (n, d)."""
     normal = _scipy("stats").multivariate_normal
     vq = _scipy("cluster.vq")
     n, d = points.shape
-    groups = int(np.clip(min(n // (10 * d), len(np.unique(points, axis=0))), 1, 4))
+    groups = int(np.clip(min(n // (10 * d), len(np.unique(points, axis=0))), 1, 8))
     group, result = vq.kmeans2(points, groups, minit="++", rng=rng)[1], []
     for own in (points[group == k] for k in range(groups)):
         if len(own) > 1:
