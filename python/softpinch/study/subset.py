@@ -285,7 +285,8 @@ def importance_sampling(
     """Weights independent runs from a mixture of normal distributions, about points of the event.
 
     To the points of the event that subset simulation found, the likeliest mixture is the one with
-    the least cross-entropy. A fourth of the runs improves it, and the others give the estimate.
+    the least cross-entropy. A fourth of the runs improves it, or half where few lineages are left,
+    and the others give the estimate.
     Some runs look in all directions, for ways to the event that the levels did not lead to.
     """
     normal = _scipy("stats").multivariate_normal
@@ -295,7 +296,10 @@ def importance_sampling(
     if not r:
         return levels
     few = levels.lineages < _FEW_LINEAGES
-    for number, share in ((runs // 4, 0.5), (runs - runs // 4, 0.3 if few else 0.1)):
+    # Few lineages leave points that tell little: their mixture is improved once more.
+    quarters = 2 if few else 1
+    rest = runs - quarters * (runs // 4)
+    for number, share in [*[(runs // 4, 0.5)] * quarters, (rest, 0.5 if few else 0.1)]:
         # Numbers beside the axes keep their distribution.
         near = points @ axes
         radii = np.linalg.norm(near, axis=1)
@@ -382,14 +386,17 @@ def _weights(points: Floats, mixture: Mixture) -> Floats:
 
 
 def _mixture(points: Floats, rng: np.random.Generator) -> Mixture:
-    """Weights and normal distributions about up to 8 groups of points (n, d)."""
+    """Weights and normal distributions about 4 and about 8 groups of points (n, d)."""
     normal = _scipy("stats").multivariate_normal
     vq = _scipy("cluster.vq")
     n, d = points.shape
-    groups = int(np.clip(min(n // (10 * d), len(np.unique(points, axis=0))), 1, 8))
-    group, result = vq.kmeans2(points, groups, minit="++", rng=rng)[1], []
-    for own in (points[group == k] for k in range(groups)):
-        if len(own) > 1:
+    most, result = min(n // (10 * d), len(np.unique(points, axis=0))), []
+    # Wide ways to the event need few groups, and many ways need many.
+    for groups in sorted({max(1, min(most, number)) for number in (4, 8)}):
+        group = vq.kmeans2(points, groups, minit="++", rng=rng)[1]
+        for own in (points[group == k] for k in range(groups)):
+            if len(own) < 2:
+                continue
             covariance = np.cov(own.T).reshape(d, d)
             # Few points do not determine correlations: shrink them.
             kept = np.where(np.eye(d) == 1.0, 1.0, len(own) / (len(own) + d))
