@@ -116,7 +116,7 @@ class Fingertip(Record):
         normal_mass: m_n, the mass that moves with the compression d_n, as `tangential_mass`, m_t,
             with the shear d_t (14), kg. None uses the object's mass, as the paper does, and follows
             its changes.
-        law: A `PowerLaw` or a `MeasuredLaw`, which takes the place of (5). None is (5), and so is
+        law: A `PowerLaw` or another law, which takes the place of (5). None is (5), and so is
             `ParallelSprings`, whose modulus becomes that of the tip.
         relaxation: One `Maxwell` branch or two, with which forces relax. None is a tip that
             remembers nothing.

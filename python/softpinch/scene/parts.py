@@ -144,6 +144,14 @@ class Arc(ObjectSide):
 class TipLaw(Kinded):
     """Base class of the laws of a tip's force."""
 
+    def _numbers(self) -> dict[str, float]:
+        """The numbers of the law by their names in the core."""
+        return {name: x for name, x in self._values().items() if isinstance(x, float)}
+
+    def _stiffness(self, compression: Floats) -> Floats:
+        """F' at compressions >= 0, N/m."""
+        raise NotImplementedError
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ParallelSprings(TipLaw):
@@ -169,6 +177,11 @@ class PowerLaw(TipLaw):
     exponent: float
     foot: float | None = None
     shear_factor: float = 1.0
+
+    def _stiffness(self, compression: Floats) -> Floats:
+        foot, power = self.foot or 0.0, self.exponent - 1.0
+        change = np.abs(compression + foot) ** power - foot**power
+        return np.asarray(self.coefficient * self.exponent * change)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -241,8 +254,10 @@ class MeasuredLaw(TipLaw):
             raise ValueError(f"compression = {checks.shown(given.tolist())}: {rule}")
         return np.asarray(_integrals(given / reach, 2) @ self.weights * reach**2)
 
+    def _numbers(self) -> dict[str, float]:
+        return super()._numbers() | {"range": float(self.compression[-1])}
+
     def _stiffness(self, compression: Floats) -> Floats:
-        """F' at compressions >= 0, N/m."""
         reach = self.compression[-1]
         within = np.minimum(compression, reach)
         found = _integrals(within / reach, 1) @ self.weights * reach
@@ -349,13 +364,10 @@ def numbers(scene: Scene) -> dict[str, float]:
             x, y = side.center
             own = {"radius": side.radius, "center_x": x, "center_y": y, "span": side.opening}
             put(f"grasped.{name}", 2.0, counterface=COUNTERFACES[side.counterface], **own)
-        if isinstance(law, PowerLaw | MeasuredLaw):
-            own = {"shear_factor": law.shear_factor}
-            if isinstance(law, PowerLaw):
-                own |= {"coefficient": law.coefficient, "exponent": law.exponent}
-                put(f"hand.tip.{name}.law", 1.0, foot=law.foot or 0.0, **own)
-            else:
-                put(f"hand.tip.{name}.law", 2.0, range=float(law.compression[-1]), **own)
+        if law is not None:
+            # The core numbers the laws in the order of the table.
+            kind = float([*TipLaw._kinds.values()].index(type(law)))
+            put(f"hand.tip.{name}.law", kind, **law._numbers())
         branches = scene.hand.tips[k].relaxation or ()
         found[f"hand.tip.{name}.law.branches"] = float(len(branches))
         for n, branch in enumerate(branches):
@@ -383,14 +395,7 @@ def branches(scene: Scene) -> int:
 def stiffness(scene: Scene, side: int, compression: Floats) -> Floats:
     """The normal stiffness of an upright tip at compressions d_n >= 0, N/m: 2 pi E d_n by (5)."""
     tip, d = scene.hand.tips[side], np.asarray(compression)
-    if isinstance(tip.law, PowerLaw):
-        foot, power = tip.law.foot or 0.0, tip.law.exponent - 1.0
-        change = np.abs(d + foot) ** power - foot**power
-        found = tip.law.coefficient * tip.law.exponent * change
-    elif isinstance(tip.law, MeasuredLaw):
-        found = tip.law._stiffness(d)
-    else:
-        found = 2.0 * np.pi * tip.youngs_modulus * d
+    found = 2.0 * np.pi * tip.youngs_modulus * d if tip.law is None else tip.law._stiffness(d)
     return np.asarray(softened(scene)[side] * found)
 
 

@@ -397,7 +397,7 @@ class Scene(Record):
         yield ShownTable(("path", "value", "unit"), rows, f"{len(rows)} numbers", folded=True)
 
     def parameters(self) -> NDArray[np.float64]:
-        """Returns the parameters (100,), SI units, in the order of `_core.PARAMETERS`."""
+        """Returns the parameters (n,), SI units, in the order of `_core.PARAMETERS`."""
         return self._parameters
 
     # A scene is immutable, so every run of it can share these cached results.

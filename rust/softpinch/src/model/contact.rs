@@ -39,8 +39,14 @@ macro_rules! numbered {
         }
 
         impl $name {
+            const ALL: &[Self] = &[Self::$first, $(Self::$kind),*];
+
+            pub fn has(number: f64) -> bool {
+                Self::ALL.iter().any(|kind| kind.number() == number)
+            }
+
             pub fn of(number: f64) -> Self {
-                [Self::$first, $(Self::$kind),*].into_iter().find(|kind| kind.number() == number).unwrap_or_default()
+                Self::ALL.iter().copied().find(|kind| kind.number() == number).unwrap_or_default()
             }
 
             pub fn number(self) -> f64 {

@@ -19,7 +19,7 @@ pub const SIDES: [&str; 2] = ["right", "left"];
 /// Declares a record of numbers in one place: its fields, their meaning, their rules, and their values in the paper's
 /// scenes. These values are ours, because the paper's Tables I and II are lost.
 macro_rules! record {
-    ($(#[$doc:meta])* $name:ident, $count:literal {
+    ($(#[$doc:meta])* $name:ident {
         $($(#[$field_doc:meta])* $field:ident: $rule:ident = $default:expr,)*
     }) => {
         $(#[$doc])*
@@ -29,17 +29,18 @@ macro_rules! record {
         }
 
         impl $name {
+            const COUNT: usize = [$(stringify!($field)),*].len();
             /// Names and rules of the fields, in order.
-            pub const FIELDS: [(&'static str, Rule); $count] = [$((stringify!($field), Rule::$rule),)*];
+            pub const FIELDS: [(&'static str, Rule); Self::COUNT] = [$((stringify!($field), Rule::$rule),)*];
 
             /// Builds the record from the values of its fields, in order.
-            pub fn from_fields(values: [f64; $count]) -> Self {
+            pub fn from_fields(values: [f64; Self::COUNT]) -> Self {
                 let [$($field),*] = values;
                 Self { $($field),* }
             }
 
             /// The values of the fields, in order.
-            pub fn fields(&self) -> [f64; $count] {
+            pub fn fields(&self) -> [f64; Self::COUNT] {
                 [$(self.$field),*]
             }
         }
@@ -54,7 +55,7 @@ macro_rules! record {
 
 record! {
     /// A rigid finger, turning about its root.
-    Finger, 5 {
+    Finger {
         /// L, from the root to the fingertip's centre along the finger, m.
         length: Positive = 0.0762,
         /// W_f, from the middle of the hand to the root, m.
@@ -70,7 +71,7 @@ record! {
 
 record! {
     /// A hemispherical soft fingertip: elastic energy (5) with Voigt viscosity (44, 45).
-    Fingertip, 7 {
+    Fingertip {
         /// a, m.
         radius: Positive = 0.020,
         /// E, Pa.
@@ -90,7 +91,7 @@ record! {
 
 record! {
     /// The grasped object, with parallel faces.
-    GraspedObject, 5 {
+    GraspedObject {
         /// W, m.
         width: Positive = 0.049,
         /// M, kg.
@@ -106,7 +107,7 @@ record! {
 
 record! {
     /// The gains of the PID control (39).
-    PidGains, 3 {
+    PidGains {
         /// K_P, N m/rad.
         kp: NonNegative = 100.0,
         /// K_D, N m s/rad.
@@ -118,7 +119,7 @@ record! {
 
 record! {
     /// Gains of the constraint stabilisation (19, 20): numerics, not physics.
-    Stabilization, 2 {
+    Stabilization {
         /// alpha, 1/s.
         alpha: NonNegative = 1000.0,
         /// beta, 1/s.
@@ -128,7 +129,7 @@ record! {
 
 record! {
     /// The quantities that belong to the scene as a whole.
-    Surroundings, 1 {
+    Surroundings {
         /// g, m/s^2, downwards (against y); Earth's unless given.
         gravity: Finite = 9.81,
     }
@@ -136,7 +137,7 @@ record! {
 
 record! {
     /// The coefficients of friction mu of both contacts; infinite if the scene gives none.
-    Friction, 2 {
+    Friction {
         /// That of the right finger's contact.
         right: NonNegativeOrInfinite = f64::INFINITY,
         /// That of the left finger's contact.
@@ -146,9 +147,9 @@ record! {
 
 record! {
     /// The numbers of mechanisms that a link of [`Finger`] lacks.
-    Mechanism, 7 {
+    Mechanism {
         /// The number of the `MechanismKind`.
-        kind: Kind = 0.0,
+        kind: Mechanism = 0.0,
         /// Y_0, the height of a jaw's tip at the coordinate zero, m.
         height: Finite = 0.0,
         /// gamma, the direction of a jaw's travel, upwards from the direction to the middle of the hand, rad.
@@ -156,7 +157,7 @@ record! {
         /// phi_0, the angle of the tip's base to the upright, for mechanisms that do not turn it, rad.
         angle: Finite = 0.0,
         /// Whether the joint has dry friction: 1, or 0.
-        rubs: Kind = 0.0,
+        rubs: Count = 0.0,
         /// f, the torque of this friction in a quick motion, N m; a jaw's force, N.
         joint_friction: NonNegative = 0.0,
         /// v, the rate at which it is f / sqrt(2), rad/s; of a jaw m/s.
@@ -166,11 +167,11 @@ record! {
 
 record! {
     /// One side of the object.
-    Side, 8 {
+    Side {
         /// The number of the `ShapeKind`.
-        kind: Kind = 0.0,
+        kind: Shape = 0.0,
         /// The number of the `Counterface` by which curvature changes the tip's energy.
-        counterface: Kind = 0.0,
+        counterface: Counterface = 0.0,
         /// beta, the tilt of a face, positive where the object is wider at its upper end, rad.
         tilt: Tilt = 0.0,
         /// The height of this face, m.
@@ -188,9 +189,9 @@ record! {
 
 record! {
     /// The law of a tip, and the numbers that (5) lacks.
-    Law, 7 {
+    Law {
         /// The number of the `LawKind`.
-        kind: Kind = 0.0,
+        kind: Law = 0.0,
         /// c of F = c d_n^n, N/m^n.
         coefficient: Positive = 1.0,
         /// n.
@@ -202,13 +203,13 @@ record! {
         /// The largest compression of a measured law, m.
         range: Positive = 1.0,
         /// The number of Maxwell branches.
-        branches: Kind = 0.0,
+        branches: Count = 0.0,
     }
 }
 
 record! {
     /// A Maxwell branch of a tip.
-    Maxwell, 2 {
+    Maxwell {
         /// g, what it adds to the law at once, as a share of the law.
         share: NonNegative = 0.0,
         /// tau, in which that relaxes, s.
@@ -220,7 +221,8 @@ record! {
 pub const PAPERS: usize = 38;
 
 /// Number of parameters that describe the physics of a scene.
-pub const PARAMETER_COUNT: usize = PAPERS + 44 + 2 * (WEIGHTS + 2 * BRANCHES);
+pub const PARAMETER_COUNT: usize =
+    PAPERS + 2 * (Mechanism::COUNT + Side::COUNT + Law::COUNT + WEIGHTS + BRANCHES * Maxwell::COUNT);
 
 /// The physics of a scene. [`Parameters::from_array`] and [`Parameters::checked`] validate it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -3,6 +3,10 @@
 use std::fmt::Display;
 
 use crate::error::{Error, Result};
+use crate::model::contact::law::LawKind;
+use crate::model::{Counterface, MechanismKind, ShapeKind};
+
+const KIND: &str = "must be the number of a kind";
 
 /// A rule that a number must keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,8 +19,13 @@ pub enum Rule {
     NonNegativeOrInfinite,
     /// Above zero, or infinite, which means that there is no end.
     PositiveOrInfinite,
-    /// The number of a kind.
-    Kind,
+    /// The number of a kind of finger, and so on.
+    Mechanism,
+    Shape,
+    Counterface,
+    Law,
+    /// 0, 1 or 2.
+    Count,
     Tilt,
     Span,
     AboveOne,
@@ -33,7 +42,11 @@ impl Rule {
             Self::Finite => ("must be finite", f64::is_finite),
             Self::NonNegativeOrInfinite => ("must be >= 0", |x| x >= 0.0),
             Self::PositiveOrInfinite => ("must be > 0", |x| x > 0.0),
-            Self::Kind => ("must be the number of a kind", |x| (0.0..=2.0).contains(&x) && x.fract() == 0.0),
+            Self::Mechanism => (KIND, MechanismKind::has),
+            Self::Shape => (KIND, ShapeKind::has),
+            Self::Counterface => (KIND, Counterface::has),
+            Self::Law => (KIND, LawKind::has),
+            Self::Count => ("must be 0, 1 or 2", |x| (0.0..=2.0).contains(&x) && x.fract() == 0.0),
             Self::Tilt => ("must be between -pi/2 and pi/2", |x| x.abs() < std::f64::consts::FRAC_PI_2),
             Self::Span => ("must be > 0 and <= pi", |x| x > 0.0 && x <= std::f64::consts::PI),
             Self::AboveOne => ("must be finite and > 1", |x| x.is_finite() && x > 1.0),

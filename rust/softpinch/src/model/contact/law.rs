@@ -1,8 +1,8 @@
 //! Laws of the tip: its elastic energy P as a function of theta_p, d_n and d_t.
 //!
 //! The paper's law (5) is compiled into the equations. All others are springs as (4) has them, with the force F(d) of the
-//! upright tip as a curve (`law/springs.rs`): a new one is a file in `law/` that computes a `springs::Curve`, an entry of
-//! [`LawKind`] and one of [`springs::Springs`].
+//! upright tip as a curve (`law/springs.rs`): a new one is a file in `law/` that computes a `springs::Curve`, and an entry of
+//! the table `laws!`.
 
 mod inoue_hirai;
 mod measured;
@@ -11,22 +11,64 @@ mod relaxation;
 mod springs;
 
 pub use inoue_hirai::InoueHirai;
+use measured::Measured;
 pub use measured::WEIGHTS;
+use power::Power;
 pub use relaxation::{BRANCHES, RELAXATIONS, Relaxing};
+use springs::Curve;
 pub use springs::Springs;
 
 use crate::model::{Motion, Parameters, Parts, Source, numbered};
 use crate::number::{LaneTask, Real, task};
 
-numbered! {
-    LawKind {
-        /// Parallel linear springs in a hemisphere (5): the paper's, with the modulus of the fingertip.
-        ParallelSprings,
-        /// A force F = c d_n^n of the upright tip.
-        Power,
-        /// A measured force of the upright tip.
-        Measured,
-    }
+/// Declares the kinds of laws; of the others than (5) also the type that has the curve.
+macro_rules! laws {
+    ($(#[$first_doc:meta])* $first:ident, $($(#[$doc:meta])* $kind:ident: $curve:ident,)*) => {
+        numbered! {
+            LawKind {
+                $(#[$first_doc])*
+                $first,
+                $($(#[$doc])* $kind,)*
+            }
+        }
+
+        #[derive(Debug, Clone, Copy)]
+        enum Force<R> {
+            /// pi E of (5).
+            $first(R),
+            $($kind($curve<R>),)*
+        }
+
+        impl<R: Real> Force<R> {
+            #[inline(always)]
+            fn new(source: &impl Source<R>, i: usize) -> Self {
+                match source.kinds().law(i) {
+                    LawKind::$first => {
+                        Self::$first(R::constant(std::f64::consts::PI) * source.number(|p| p.tips[i].youngs_modulus))
+                    }
+                    $(LawKind::$kind => Self::$kind($curve::new(source, i)),)*
+                }
+            }
+
+            /// The curve at a compression that is not negative; that of (5) at any.
+            #[inline(always)]
+            fn curve(&self, d: R) -> Curve<R> {
+                match self {
+                    Self::$first(c) => Curve::square(*c, d),
+                    $(Self::$kind(law) => law.curve(d),)*
+                }
+            }
+        }
+    };
+}
+
+laws! {
+    /// Parallel linear springs in a hemisphere (5): the paper's, with the modulus of the fingertip.
+    ParallelSprings,
+    /// A force F = c d_n^n of the upright tip.
+    Power: Power,
+    /// A measured force of the upright tip.
+    Measured: Measured,
 }
 
 /// The modulus E with which (5) is as stiff at full compression as the law of tip `i`, Pa.
@@ -45,7 +87,7 @@ pub(crate) fn force<R: Real>(source: &impl Source<R>, i: usize, d_n: R) -> R {
 }
 
 #[inline(never)]
-fn curve<R: Real>(source: &impl Source<R>, i: usize, d_n: R) -> springs::Curve<R> {
+fn curve<R: Real>(source: &impl Source<R>, i: usize, d_n: R) -> Curve<R> {
     R::outlined(Build { source, i }).curve_called(d_n)
 }
 

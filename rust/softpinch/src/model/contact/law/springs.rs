@@ -5,10 +5,8 @@
 //! P = chi {Phi / cos^2 + kappa F d_t tan + eta F' d_t^2 / 2}. F = pi E d^2 is (5). chi is the share of (4) that is left on
 //! a curved side, and eta, one in (4), makes the springs softer or stiffer in shear.
 
-use super::measured::Measured;
-use super::power::Power;
 use super::relaxation::Branches;
-use super::{ElasticGradient, LawKind};
+use super::{ElasticGradient, Force, LawKind};
 use crate::model::{Counterface, ShapeKind, Source};
 use crate::number::{LaneTask, Real, task};
 
@@ -25,11 +23,14 @@ pub struct Curve<R> {
     pub bend: R,
 }
 
-#[derive(Debug, Clone, Copy)]
-enum Force<R> {
-    Square(R),
-    Power(Power<R>),
-    Measured(Measured<R>),
+impl<R: Real> Curve<R> {
+    /// That of F = c d^2.
+    #[inline(always)]
+    pub(super) fn square(c: R, d: R) -> Self {
+        let stretched = c * d;
+        let (force, two) = (stretched * d, R::constant(2.0));
+        Self { integral: force * d * R::constant(1.0 / 3.0), force, slope: two * stretched, bend: two * c }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -68,16 +69,9 @@ impl<R: Real> Springs<R> {
                 Counterface::Sphere => ratio,
             };
         }
-        let mut shear_factor = source.number(|p| p.laws[i].shear_factor);
-        let force = match kinds.law(i) {
-            LawKind::ParallelSprings => {
-                shear_factor = one;
-                let modulus = source.number(|p| p.tips[i].youngs_modulus);
-                Force::Square(R::constant(std::f64::consts::PI) * modulus)
-            }
-            LawKind::Power => Force::Power(Power::new(source, i)),
-            LawKind::Measured => Force::Measured(Measured::new(source, i)),
-        };
+        let given = kinds.law(i) != LawKind::ParallelSprings;
+        let shear_factor = if given { source.number(|p| p.laws[i].shear_factor) } else { one };
+        let force = Force::new(source, i);
         let (branches, coupling) = (Branches::new(source, i), source.number(|p| p.tips[i].tilt_coupling));
         Self { force, branches, share, coupling, shear_factor }
     }
@@ -85,18 +79,11 @@ impl<R: Real> Springs<R> {
     /// The curve at a compression. Where this is negative the curve goes on as F''(0) d^2 / 2, as (5) does.
     #[inline(always)]
     pub(super) fn curve(&self, d: R) -> Curve<R> {
-        let third = R::constant(1.0 / 3.0);
-        let compressed = d.positive_part();
-        let inside = match &self.force {
-            Force::Square(c) => {
-                let stretched = *c * d;
-                let force = stretched * d;
-                let two = R::constant(2.0);
-                return Curve { integral: force * d * third, force, slope: two * stretched, bend: two * *c };
-            }
-            Force::Power(power) => power.curve(compressed),
-            Force::Measured(measured) => measured.curve(compressed),
-        };
+        if let Force::ParallelSprings(c) = self.force {
+            return Curve::square(c, d);
+        }
+        let (third, compressed) = (R::constant(1.0 / 3.0), d.positive_part());
+        let inside = self.force.curve(compressed);
         let open = d - compressed;
         let slope = inside.bend * open;
         let force = R::constant(0.5) * slope * open;
