@@ -5,12 +5,15 @@ make bench-rare
 A grasp is pushed at random, and the event is that its object turns by more than an angle. Prints
 the runs that each method takes, its time, its coefficient of variation, and, for a distance of
 which the probability is known, how often its 95 % intervals have the truth. OpenTURNS'
-SubsetSampling takes part where it is installed.
+SubsetSampling takes part where it is installed. `--scenes` prints the same of "auto" for scenes of
+tests/support/rare_scenes.py, beside their plain runs; that takes half an hour.
 """
 
 import math
+import sys
 import time
 from importlib.util import find_spec
+from pathlib import Path
 from statistics import NormalDist
 from typing import Any
 
@@ -21,14 +24,10 @@ from command import parser
 from machine import describe
 from softpinch.study.subset import FEW, Distance, estimate
 
-SCENE = sp.Scene(duration=0.1, disturbances=[sp.Pulse(time=0.02, duration=0.01)])
-FORCES = (20.0, 10.0)  # N, standard deviations of the push
-VARY: dict[Any, Any] = {
-    "grasped.mass": sp.Normal(0.1, 0.01),
-    "hand.tip.youngs_modulus": sp.LogNormal(0.3e6, 0.2),
-    "disturbances.0.force": sp.Normal((0.0, 0.0), FORCES),
-}
-DT = 1e-3
+sys.path.append(str(Path(__file__).parent.parent / "tests" / "support"))
+from rare_scenes import RARER, SCENES, RareScene, known
+
+SCENE, VARY, DT = SCENES["bilateral"].scene, SCENES["bilateral"].vary, SCENES["bilateral"].dt
 # Angles whose probabilities are about 1e-3 ... 1e-7, rad.
 ANGLES = (0.0200, 0.0249, 0.0290, 0.0325, 0.0357)
 
@@ -39,7 +38,7 @@ def runs_at(points: Any) -> Any:
     columns = {
         "grasped.mass": 0.1 + 0.01 * u[:, 0],
         "hand.tip.youngs_modulus": 0.3e6 * np.exp(0.2 * u[:, 1]),
-        "disturbances.0.force": np.array(FORCES) * u[:, 2:],
+        "disturbances.0.force": np.array([20.0, 10.0]) * u[:, 2:],
     }
     study = sp.monte_carlo(SCENE, vary=columns, dt=DT, summaries="peak_rotation", progress=False)
     return study["peak_rotation"]
@@ -158,15 +157,47 @@ def coverage(quick: bool) -> None:
             print(f"  {name}, {method}: {', '.join(texts)}", flush=True)
 
 
+def scenes(quick: bool) -> None:
+    """How "auto" scatters at about 1e-6, and how often its intervals have what plain runs gave."""
+    runs, few, many = (1500, 2, 3) if quick else (30_000, 20, 200)
+
+    def found(one: RareScene, seeds: int) -> list[sp.RareEvent]:
+        args = one.scene, one.vary, one.event, runs
+        return [sp.rare_event(*args, seed, dt=one.dt, progress=False) for seed in range(seeds)]
+
+    names = list(RARER)[: 1 if quick else None]
+    print(f"\nscenes whose event is made rarer, {runs} runs:")
+    for name in names:
+        some = found(RARER[name], few)
+        values, covs = np.array([one.probability for one in some]), [one.cov for one in some]
+        text = f"{sum(cov <= 0.1 for cov in covs)} of {few} at most 10 %, {scatter(values)}"
+        text += f", {sum(bool(one.warnings) for one in some)} with warnings"
+        median, most = 100.0 * np.median(covs), 100.0 * max(covs)
+        print(f"  {name}: {np.median(values):.3g}, cov {median:.1f} % (to {most:.1f} %), {text}")
+    print("\n95 % intervals that meet that of plain runs (median of upper over lower end):")
+    for name in names:
+        truth, right, ends = known()[name], 0, []
+        for one in found(SCENES[name], many):
+            low, high = one.interval
+            right += bool(low <= truth.high and truth.low <= high)
+            ends.append(high / low if low else math.inf)
+        share = f"{100 * right / many:.1f} % of {many} seeds"
+        print(f"  {name}, {truth.value:.3g}: {share} ({np.median(ends):.3g})", flush=True)
+
+
 def main() -> None:
     given = parser(__doc__)
     given.add_argument("--coverage", action="store_true", help="print the shares of intervals only")
+    given.add_argument("--scenes", action="store_true", help="print the scenes only")
     asked = given.parse_args()
     missing = {} if find_spec("openturns") else {"OpenTURNS": "not installed"}
     print(describe("all cores", missing=missing))
-    if not asked.coverage:
+    if asked.quick or not (asked.coverage or asked.scenes):
         table(asked.quick)
-    coverage(asked.quick)
+    if asked.quick or not asked.scenes:
+        coverage(asked.quick)
+    if asked.quick or asked.scenes:
+        scenes(asked.quick)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -117,6 +117,22 @@ SCENES = {
         ("peak_rotation", ">", 0.03),
         1e-3,
     ),
+}
+
+# The same with a probability of about 1e-6.
+RARER = {
+    "bilateral": replace(SCENES["bilateral"], event=("peak_rotation", ">", 0.0322)),
+    "two ways": replace(SCENES["two ways"], event=("peak_rotation", ">", 0.0325)),
+    "friction": replace(
+        SCENES["friction"],
+        vary={"friction": sp.LogNormal(0.7, 0.1), "grasped.mass": sp.LogNormal(0.1, 0.1)},
+    ),
+    "unilateral": replace(
+        SCENES["unilateral"],
+        vary={"disturbances.0.force": sp.Normal((0.0, 0.0), (14.1, 14.1))},
+    ),
+    "pushes": replace(SCENES["pushes"], event=("peak_rotation", ">", 0.0187)),
+    "noise": replace(SCENES["noise"], event=("peak_rotation", ">", 0.00296)),
 }
 
 
