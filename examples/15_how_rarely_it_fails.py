@@ -59,6 +59,7 @@ with sp.plot.styled():
     points = way.scatter(x, y, s=2.0, c=rows["friction"], cmap="cividis")
     way.plot(*found.design_point["disturbances.0.force"], "X", color="#D55E00", markersize=7.0)
     way.set(xlabel="push x [N]", ylabel="push y [N]", title="runs that lose the object")
+    way.set(xlim=(-170.0, 170.0), ylim=(-170.0, 170.0))  # runs are drawn up to seven deviations
     figure.colorbar(points, ax=way, label="friction [1]")
     sp.plot.snapshot(lost, float(lost.t[-1]), grasp)
 print("saved", sp.plot.save(figure, given.picture))
