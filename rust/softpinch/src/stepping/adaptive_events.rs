@@ -30,6 +30,7 @@ impl<R: Lanes> AdaptiveLanes<'_, R> {
             };
             match self.batch.act(lane, earliest) {
                 Some(Ok(Some((length, event)))) => {
+                    self.batch.steps_back(bit);
                     self.events[lane] = Some((event, h));
                     if length < h {
                         self.progress.h.set(lane, length);

@@ -275,9 +275,12 @@ impl<R: Lanes, P> LaneBatch<'_, R, P> {
             found |= beyond & !*known & taken;
             *known = beyond & taken | *known & !taken;
         }
-        // Their steps may be taken again.
-        self.beyond = self.beyond.map(|known| known & !found);
         found
+    }
+
+    /// Forgets which tips are beyond the ends of their sides in the lane of `bit`, whose step is taken again.
+    pub(super) fn steps_back(&mut self, bit: Bits) {
+        self.beyond = self.beyond.map(|known| known & !bit);
     }
 
     /// The violations of unilateral contact at an instant, with those that events have shown before it.

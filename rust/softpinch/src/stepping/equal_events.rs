@@ -74,6 +74,7 @@ impl<R: Lanes> EqualLanes<'_, R> {
             });
             match found {
                 Some(Ok((y, true))) => {
+                    self.batch.steps_back(bit);
                     self.hold(lane, before, (&y, 1), replacement);
                     self.held |= bit;
                 }
