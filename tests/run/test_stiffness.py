@@ -320,8 +320,8 @@ def test_random_hands_have_no_false_alarm_and_nothing_wrong_completes(
         scene = random_pinch(rng, contact)
         limit = sp.max_stable_dt(scene, measure=False).predicted
         calm = sp.simulate(scene, dt=limit / 3.0, record=("energy",))
-        # In one scene of 2500 the predicted limit misses a fast slip of 40 microseconds. That run is
-        # wrong, and the alarm is right.
+        # In one scene of 2500 the predicted limit misses a fast slip of 40 microseconds. That run
+        # is wrong, and the alarm is right.
         early += calm.status == "unstable"
         assert calm.status != "completed" or open_share(calm) < 0.1
         # The bound on the rates is one: whatever is beyond the limit is looked at. Only a graze may
