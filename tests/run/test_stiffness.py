@@ -315,29 +315,21 @@ def test_random_hands_have_no_false_alarm_and_nothing_wrong_completes(
 ) -> None:
     """No false alarm at a third of the limit; above it nothing wrong completes."""
     rng = np.random.default_rng(41)
-    alarms, wrong, unbounded, early = 0, 0, 0, 0
+    alarms, wrong = 0, 0
     for _ in range(runs):
         scene = random_pinch(rng, contact)
         limit = sp.max_stable_dt(scene, measure=False).predicted
-        if limit < 1e-9:  # a graze, whose rates have a pole at its end
-            unbounded += 1
-            continue
         calm = sp.simulate(scene, dt=limit / 3.0, record=("energy",))
-        # In one scene of 2500 the predicted limit misses a fast slip of 40 microseconds. That run
-        # is wrong, and the alarm is right.
-        early += calm.status == "unstable"
+        assert calm.status != "unstable", calm.message
         assert calm.status != "completed" or open_share(calm) < 0.1
-        # The bound on the rates is one: whatever is beyond the limit is looked at. Friction is not
-        # symmetric, so that grazes, and slips near their release, may have larger ones: in seven
-        # scenes of 2500.
+        # The bound on the rates is one: whatever is beyond the limit is looked at.
         options = Options.checked(dt=1.001 * limit)
-        bounded = limit > scene.duration or Request(scene, options).compute()["may_be_unstable"]
-        unbounded += not bounded
+        assert limit > scene.duration or Request(scene, options).compute()["may_be_unstable"]
         for factor in (1.1, 1.5, 2.5):
             run = sp.simulate(scene, dt=factor * limit, record=("energy",))
             alarms += run.status == "unstable"
             wrong += run.status == "completed" and open_share(run) > 1.0
-    assert wrong == 0 and max(unbounded, early) <= runs // 250
+    assert wrong == 0
     assert alarms > 0.2 * runs
 
 

@@ -226,8 +226,10 @@ def _check_end(run: Run) -> None:
 def _check_multipliers(run: Run, modes: Modes) -> None:
     normal, tangential = run.multipliers[:, :2], run.multipliers[:, 2:]
     limit = np.broadcast_to(np.asarray(run.scene.friction, dtype=float), (2,)) * normal
-    changes = np.isin(run.t, [change.time for change in run.contact_changes])[:, None]
-    least = np.where(changes, _AT_EVENT, _ROUND_OFF) * float(np.abs(run.multipliers).max())
+    begins = np.zeros(normal.shape, dtype=bool)
+    for change in run.contact_changes:
+        begins[:, SIDES.index(change.finger)] |= run.t == change.time
+    least = np.where(begins, _AT_EVENT, _ROUND_OFF) * float(np.abs(run.multipliers).max())
     untouched = (modes == ContactMode.FREE) | (modes == ContactMode.GRAZE)
     slips = modes == ContactMode.SLIP
     off = {
