@@ -27,7 +27,7 @@ pub fn constrained<R: Real, P: Parts>(
 ) -> Response<R> {
     let solve = Solve { driven, geometry, plant, f, b, finger_acceleration };
     // Steps, impulses and corrections of other parts share one piece of code.
-    if P::OTHERS { R::outlined(solve) } else { solve.run() }
+    if const { P::OTHERS } { R::outlined(solve) } else { solve.run() }
 }
 
 task! {

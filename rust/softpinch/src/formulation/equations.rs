@@ -325,7 +325,7 @@ pub trait Equations<R: Real>: Copy + Debug {
         y: &States<R>,
         carried: Carried,
     ) -> Evaluation<R> {
-        if Self::CALLED {
+        if const { Self::CALLED } {
             return R::outlined(Evaluate { equations: self, driven, applied, contacts, y, carried });
         }
         evaluated(self, driven, applied, contacts, y, carried)
@@ -369,7 +369,7 @@ pub trait Equations<R: Real>: Copy + Debug {
     #[inline(always)]
     fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
         let work = EnergiesOf { equations: self, contacts, motion };
-        if Self::CALLED { R::outlined(work) } else { work.run() }
+        if const { Self::CALLED } { R::outlined(work) } else { work.run() }
     }
 }
 

@@ -65,7 +65,7 @@ pub fn correct<R: Real, E: Equations<R>>(
     let mut q = left_q;
     for _ in 0..NEWTON_STEPS {
         let step = NewtonStep { equations, q: &q, free };
-        q = if R::ORDER > 0 { R::outlined(step) } else { step.run() };
+        q = if const { R::ORDER > 0 } { R::outlined(step) } else { step.run() };
     }
     let geometry = Geometry::<R, E::Parts>::of(&plant.sides, &q, &left_p);
     let (zero, finger_acceleration) = (R::zero(), [R::zero(); 2]);

@@ -34,9 +34,9 @@ macro_rules! with {
         match &$kind {
             EquationKind::Csm($equations) => $body,
             EquationKind::Nullspace($equations) => $body,
-            EquationKind::Unilateral($equations) if $unilateral => $body,
+            EquationKind::Unilateral($equations) if const { $unilateral } => $body,
             EquationKind::Unilateral(Unilateral { csm: $equations, .. }) => $body,
-            EquationKind::AnyParts($equations) if $any_parts => $body,
+            EquationKind::AnyParts($equations) if const { $any_parts } => $body,
             EquationKind::AnyParts(AnyParts { unilateral: Unilateral { csm: $equations, .. }, .. }) => $body,
         }
     };
@@ -103,7 +103,7 @@ impl<R: Lanes> SceneEquations<R> {
             EquationKind::Unilateral(equations) => {
                 R::outlined(ApplyJump { equations, input, y, jump, impulse });
             }
-            EquationKind::AnyParts(equations) if R::ANY_PARTS => {
+            EquationKind::AnyParts(equations) if const { R::ANY_PARTS } => {
                 R::outlined(ApplyJump { equations, input, y, jump, impulse });
             }
             _ => {}
@@ -183,7 +183,7 @@ pub(super) fn rates_into<R: Lanes, E: Equations<R>>(
 macro_rules! for_fingers_of {
     ($equations:expr, $driven:ident [$alone:expr] => $body:expr) => {{
         let driven = $equations.plant().driven;
-        if $alone {
+        if const { $alone } {
             for_fingers!(driven, $driven => $body)
         } else {
             let $driven = driven;
@@ -207,7 +207,7 @@ task! {
     Rates<'a, R, E>(equations: &'a E, input: &'a Input<R>, moving: Option<&'a FrameLoads<R>>,
         contacts: &'a Contacts<R>, from: &'a States<R>, by: R, along: &'a States<R>, rate: &'a mut States<R>,
         carried: Carried)
-    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && E::Parts::PAPERS && (R::ORDER == 0 || !equations.opens())] => {
+    for R => () = for_fingers_of!(equations, driven [R::ORDER < 2 && !E::CALLED] => {
         rates_into(equations, (driven, carried), ((input, moving), contacts), StageState { from, by, along }, rate);
     })
 }

@@ -102,10 +102,3 @@ impl<R: Lanes> Jacobian<R> {
         Self { rows: [[R::zero(); MAX_COMPONENTS]; MAX_COMPONENTS] }
     }
 }
-
-impl Jacobian<f64> {
-    #[inline(always)]
-    pub fn everywhere<R: Lanes>(&self) -> Jacobian<R> {
-        Jacobian { rows: self.rows.map(|row| row.map(R::constant)) }
-    }
-}

@@ -174,7 +174,7 @@ impl<R: Lanes> LaneKernel for BuildFor<'_, R> {
 impl<R: Lanes> Linear<R> for Tangent<R> {
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>) {
         match self {
-            Self::InLanes(system) if R::WIDTH > 1 => {
+            Self::InLanes(system) if const { R::WIDTH > 1 } => {
                 let carried = system.carried;
                 with!(system.kind, equations [true, false] => {
                     Dual::outlined(Sweeps { equations, drive, tau, y, carried, jacobian });
@@ -226,7 +226,7 @@ impl Runs<'_> {
     pub fn tangent<R: Lanes>(&self) -> Tangent<R> {
         let papers = !R::ANY_PARTS || self.parameters[0].has_the_papers_parts();
         let build = BuildFor(*self, PhantomData);
-        if R::WIDTH == 1 {
+        if const { R::WIDTH == 1 } {
             Tangent::Swept(call_four_lanes(build))
         } else if papers {
             let source = &Constants(&self.parameters);

@@ -185,9 +185,15 @@ impl<R: Lanes> Linearization<R> {
         Self { size, jacobian: Jacobian::zero(), stiffness: zero, delayed: zero }
     }
 
+    /// The same Jacobian in all lanes.
     #[inline(always)]
-    pub fn of(size: Size, jacobian: Jacobian<R>) -> Self {
-        let mut found = Self { jacobian, ..Self::new(size) };
+    pub fn everywhere(size: Size, jacobian: &Jacobian) -> Box<Self> {
+        let mut found = Box::new(Self::new(size));
+        for (own, row) in found.jacobian.rows.iter_mut().zip(&jacobian.rows) {
+            for (own, value) in own.iter_mut().zip(row) {
+                *own = R::constant(*value);
+            }
+        }
         unrolled!(found.size, reduce(&mut found));
         found
     }
@@ -203,14 +209,14 @@ impl<R: Lanes> Linearization<R> {
     pub fn factor<T: Entry<Part = R>>(&self, g: T) -> Factors<T> {
         // Called by all methods of single runs; inlined into the one method that has lanes.
         let task = Factor { of: self, g };
-        if R::WIDTH == 1 { R::outlined(task) } else { task.run() }
+        if const { R::WIDTH == 1 } { R::outlined(task) } else { task.run() }
     }
 
     /// Solves (g I - J) x = b for the states. The other entries of the solution are those of `b`.
     #[inline(always)]
     pub fn solve<T: Entry<Part = R>>(&self, factors: &Factors<T>, b: &States<T>) -> States<T> {
         let task = Solve(self, factors, b);
-        if R::WIDTH == 1 { R::outlined(task) } else { task.run() }
+        if const { R::WIDTH == 1 } { R::outlined(task) } else { task.run() }
     }
 
     /// Solves (g I - J) x = b for the states and the works.

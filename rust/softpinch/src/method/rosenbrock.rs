@@ -77,7 +77,7 @@ const DENSE: [[f64; STAGES - 1]; 2] = [
 pub struct Rosenbrock<T, R = f64, E = f64> {
     pub(super) tangent: T,
     /// The linearisation of the last step, at its start.
-    pub(super) linearization: Linearization<R>,
+    pub(super) linearization: Box<Linearization<R>>,
     /// Whether the next step has the start of the last one, and so its linearisation.
     repeats: bool,
     pub(super) stages: [States<R>; STAGES],
@@ -88,7 +88,8 @@ pub struct Rosenbrock<T, R = f64, E = f64> {
 impl<T, R: Lanes, E> Rosenbrock<T, R, E> {
     #[inline(always)]
     pub fn new(size: Size, tangent: T) -> Self {
-        let (linearization, stages) = (Linearization::new(size), [[R::zero(); MAX_COMPONENTS]; STAGES]);
+        let linearization = Box::new(Linearization::new(size));
+        let stages = [[R::zero(); MAX_COMPONENTS]; STAGES];
         Self { tangent, linearization, repeats: false, stages, entry: PhantomData }
     }
 }

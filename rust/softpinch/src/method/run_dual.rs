@@ -197,7 +197,7 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Newton<ImplicitMidpoint, Fa
             z[n] = 0.5 * (end[n] - y[n]);
         }
         let (loads, jacobian) = solved.stage(&self.tangent, 0.5, &z);
-        let linearization = Linearization::of(size, jacobian.everywhere());
+        let linearization = Linearization::everywhere(size, &jacobian);
         let factors = linearization.factor(LaneEntry(R::constant(2.0 / step.h.lane(0))));
         let dz = solve_slopes(&linearization, &factors, &loads);
         let mut next = *step.y;
@@ -230,7 +230,7 @@ impl<R: Lanes, T: Linear<f64>> Differentiable<R> for Rosenbrock<T> {
         let (length, h) = (h, h.lane(0));
         // The value is zero: 1 / h has a derivative where the length has one.
         let inverse = RunDual::constant(1.0) / length - RunDual::constant(1.0 / h);
-        let linearization = Linearization::of(size, self.linearization.jacobian.everywhere());
+        let linearization = Linearization::everywhere(size, &self.linearization.jacobian);
         let factors = linearization.factor(LaneEntry(R::constant(1.0 / (GAMMA * h))));
         let mut stages = [[RunDual::zero(); MAX_COMPONENTS]; STAGES];
         let (mut load, mut at) = (*rate, *y);

@@ -267,7 +267,9 @@ impl<R: Real, P: Parts> Contact<R, P> {
         p: &Coordinates<R>,
     ) -> Self {
         let deformation = (q.compression[i], [p.compression[i], p.shear[i]]);
-        if let Some(parts) = P::numbers::<R, _>(&side.others) {
+        if const { R::ANY_PARTS && !P::PAPERS }
+            && let Some(parts) = P::numbers::<R, _>(&side.others)
+        {
             let finger = [q.finger[i], p.finger[i]];
             let at = PartsAt { i, parts, radius: side.radius, object: *object, finger };
             return R::outlined(InParts {
@@ -296,7 +298,9 @@ impl<R: Real, P: Parts> Contact<R, P> {
         angle: R,
         turn: R,
     ) -> (Self, Determined<R>) {
-        if let Some(parts) = P::numbers::<R, _>(&side.others) {
+        if const { R::ANY_PARTS && !P::PAPERS }
+            && let Some(parts) = P::numbers::<R, _>(&side.others)
+        {
             let at = PartsAt { i, parts, radius: side.radius, object: *object, finger: [angle, turn] };
             let mut own = (R::zero(), [R::zero(); 2]);
             let contact = R::outlined(InParts { at, constrained: true, own: &mut own, _parts: PhantomData });

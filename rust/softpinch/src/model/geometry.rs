@@ -38,7 +38,7 @@ impl<R: Real, P: Parts> Geometry<R, P> {
     #[inline(always)]
     pub fn of(sides: &[Side<R>; 2], q: &Coordinates<R>, p: &Coordinates<R>) -> Self {
         // Steps and corrections of other parts share one piece of code.
-        if P::OTHERS { Self::called(sides, q, p) } else { Self::inlined(sides, q, p) }
+        if const { P::OTHERS } { Self::called(sides, q, p) } else { Self::inlined(sides, q, p) }
     }
 
     /// [`Geometry::of`] in code that is called.

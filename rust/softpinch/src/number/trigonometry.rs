@@ -10,7 +10,7 @@
 //! fingers, tips and object rarely turn further.
 
 use crate::number::powers::ROUNDER;
-use crate::number::{Bits, Lanes, Real, each};
+use crate::number::{Bits, LaneTask, Lanes, Real, each, task};
 
 /// Largest |x| that the three-part reduction serves: k = x / (pi/2) stays below 2^28, far from the size at
 /// which k times the truncation error of pi/2 would show.
@@ -46,21 +46,22 @@ const SMALL: f64 = 0.785;
 #[inline(always)]
 pub fn sin_cos<R: Lanes>(x: R) -> (R, R) {
     let large = R::ALL & !x.abs().less(R::constant(SMALL));
-    if large == 0 { sin_cos_small(x) } else { sin_cos_mixed(x, large) }
+    if large == 0 { sin_cos_small(x) } else { R::outlined(Mixed { x, large }) }
 }
 
-/// [`sin_cos`] where the angles in the lanes of `large` are not small.
-#[inline(always)]
-fn sin_cos_mixed<R: Lanes>(x: R, large: Bits) -> (R, R) {
-    let (sin, cos) = sin_cos_reduced(x);
-    let (sin, cos) = if large == R::ALL {
-        (sin, cos)
-    } else {
-        let (small_sin, small_cos) = sin_cos_small(x);
-        (R::select(large, sin, small_sin), R::select(large, cos, small_cos))
-    };
-    let wild = R::ALL & !x.abs().less(R::constant(REDUCIBLE));
-    if wild == 0 { (sin, cos) } else { replace_with_libm(x, wild, (sin, cos)) }
+task! {
+    /// [`sin_cos`] where the angles in the lanes of `large` are not small.
+    [R: Lanes] Mixed<R>(x: R, large: Bits) for R => (R, R) = {
+        let (sin, cos) = sin_cos_reduced(x);
+        let (sin, cos) = if large == R::ALL {
+            (sin, cos)
+        } else {
+            let (small_sin, small_cos) = sin_cos_small(x);
+            (R::select(large, sin, small_sin), R::select(large, cos, small_cos))
+        };
+        let wild = R::ALL & !x.abs().less(R::constant(REDUCIBLE));
+        if wild == 0 { (sin, cos) } else { replace_with_libm(x, wild, (sin, cos)) }
+    }
 }
 
 /// Both kernels without a reduction, in shorter forms: x - x^3 (1/6 - ...) and 1 - z (1/2 - z (1/24 - ...)) with z =
