@@ -315,10 +315,16 @@ def test_random_hands_have_no_false_alarm_and_nothing_wrong_completes(
 ) -> None:
     """No false alarm at a third of the limit; above it nothing wrong completes."""
     rng = np.random.default_rng(41)
-    alarms, wrong = 0, 0
+    alarms, wrong, unknown = 0, 0, 0
     for _ in range(runs):
         scene = random_pinch(rng, contact)
-        limit = sp.max_stable_dt(scene, measure=False).predicted
+        longest = sp.max_stable_dt(scene, measure=False)
+        limit = longest.predicted
+        if "the motion is known to" in longest.message:
+            # Beyond the rim of a tip the energy (4) has a pole at a tilt of 90 degrees.
+            assert "rim" in sp.simulate(scene, method="radau5", tolerance=1e-6).violations
+            unknown += 1
+            continue
         calm = sp.simulate(scene, dt=limit / 3.0, record=("energy",))
         assert calm.status != "unstable", calm.message
         assert calm.status != "completed" or open_share(calm) < 0.1
@@ -331,6 +337,7 @@ def test_random_hands_have_no_false_alarm_and_nothing_wrong_completes(
             wrong += run.status == "completed" and open_share(run) > 1.0
     assert wrong == 0
     assert alarms > 0.2 * runs
+    assert unknown <= 1
 
 
 @pytest.mark.parametrize("name", sorted(sp.stress.CASES))

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from .. import _core
 from ..analysis.states import state_names
 from ..run import Request, Run, computed, scaled_error
+from ..run.contact import grazes
 from ..run.options import MOST_STEPS, Options
 from ..run.stiffness import eigenvalues, stable_steps, strictest_steps
 from ..scene import Scene, Stabilization, State, branches
@@ -159,12 +160,21 @@ def modes(
 def along_run(
     run: Run, formulation: Formulation, stabilization: Stabilization, instants: int = _INSTANTS
 ) -> Modes:
-    """Linearises the motion at evenly spread rows of a run, including its start and end."""
-    rows = np.unique(np.linspace(0, len(run) - 1, instants).round().astype(int))
-    at = run.t[rows], run.q[rows], run.p[rows], run.integral[rows]
+    """Linearises the motion at evenly spread rows of a run, and beside changes of its contacts.
+
+    Rows in which a tip grazes are left out, because what grows in them ends the graze.
+    """
+    changed = np.searchsorted(run.t, [change.time for change in run.contact_changes])
+    changed = changed[np.linspace(0, len(changed) - 1, min(instants, len(changed))).astype(int)]
+    spread = np.linspace(0, len(run) - 1, instants).round().astype(int)
+    rows = np.unique(np.clip(np.concatenate([spread, changed - 1, changed]), 0, len(run) - 1))
     contacts = None
     if run.scene.contact == "unilateral":
         contacts = np.array([run.state(row).contact for row in rows.tolist()])
+        kept = np.flatnonzero(~grazes(contacts))
+        if len(kept):
+            rows, contacts = rows[kept], contacts[kept]
+    at = run.t[rows], run.q[rows], run.p[rows], run.integral[rows]
     how: Any = {"formulation": formulation, "stabilization": stabilization}
     return modes(run.scene, *at, contacts=contacts, **how)
 
@@ -213,10 +223,11 @@ def max_stable_dt(
 
     The predicted step comes from linear theory: the motion is linearised at some 200 instants of an
     accurate run (a stiff method with adaptive steps at tolerance 1e-8), in unilateral contact in
-    the modes of each instant, and the step is the shortest at which a decaying mode leaves the
-    method's stability region. The measured step comes from a bisection: it is the longest with
-    which the run ends with the accurate run's status, and stays within half of each coordinate's
-    largest magnitude of it. Steps of 0.95, 0.9 and 0.8 times its length do so, too.
+    the modes of each instant and beside each change of them, and the step is the shortest at which
+    a decaying mode leaves the method's stability region. Instants at which a tip grazes do not
+    count: what grows there ends the graze. The measured step comes from a bisection: it is the
+    longest with which the run ends with the accurate run's status, and stays within half of each
+    coordinate's largest magnitude of it. Steps of 0.95, 0.9 and 0.8 times its length do so, too.
 
     A stable step need not be accurate: `advise` finds a step that meets an accuracy.
 

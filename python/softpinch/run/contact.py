@@ -51,6 +51,11 @@ def active(modes: Modes | None, rows: int) -> NDArray[np.bool_]:
     return np.hstack([modes != ContactMode.FREE, modes == ContactMode.STICK])
 
 
+def grazes(contacts: Floats) -> NDArray[np.bool_]:
+    """Returns the rows (n,) of contacts (n, 4) in which a tip grazes."""
+    return np.asarray((np.abs(contacts[:, :2]) >= ContactMode.GRAZE).any(axis=1))
+
+
 def known_modes(result: Mapping[str, Any]) -> Modes | None:
     """Returns the modes of all rows (n, 2), or of the last (1, 2); None in bilateral contact."""
     last = result["final"]["contacts"]

@@ -21,7 +21,7 @@ from ..scene.loop_matrix import common_period, measured, spectral_radius
 from ..scene.scene import Scene, inputs
 from ..support.arrays import Complexes, Floats
 from ..support.choices import Method
-from .contact import ContactMode
+from .contact import ContactMode, grazes
 from .options import Options
 from .request import Request
 
@@ -205,6 +205,9 @@ def _stable(request: Request, motion: Mapping[str, Any]) -> Floats:
     if _largest(dt * found["A"]) < least_reach(method):
         return steps
     rates = eigenvalues(found["A"])
+    if contacts is not None:
+        # What grows while a tip grazes ends the graze.
+        rates[grazes(contacts)] = 0.0
     # Of a pair of conjugates one is enough.
     half = np.where(rates.imag < 0.0, 0.0, rates)
     steps[rows] = strictest_steps(method, half)

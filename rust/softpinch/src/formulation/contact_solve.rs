@@ -41,6 +41,14 @@ pub struct Response<R> {
     pub pivots: [R; 4],
 }
 
+impl Response<f64> {
+    /// The acceleration that the whole couple of finger `i`, which grazes, gives to its gap: a pivot of the solve, in which
+    /// a finger that grazes comes last.
+    pub(crate) fn couple_effect(&self, i: usize, graze: [bool; 2]) -> f64 {
+        self.pivots[if graze == [true; 2] { 2 * i } else { 2 }].abs()
+    }
+}
+
 impl<R: Real> Response<R> {
     /// `with` in the lanes of `bits`, this one in all other lanes.
     #[inline(always)]
@@ -82,7 +90,7 @@ pub fn response<R: Real, P: Parts>(
 ) -> Response<R> {
     let solve = Solve { driven, geometry, plant, contacts, load };
     // Only the steps of the paper's parts have it inlined.
-    if P::PAPERS && R::ORDER == 0 { solve.run() } else { R::outlined(solve) }
+    if const { P::PAPERS && R::ORDER == 0 } { solve.run() } else { R::outlined(solve) }
 }
 
 task! {

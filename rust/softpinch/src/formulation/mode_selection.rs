@@ -85,6 +85,11 @@ impl Contact {
 /// Conditions that fail by less than this share of their terms count as a border.
 const BORDER: f64 = 1e-9;
 
+/// A tip does not graze if the whole couple changes the gap's acceleration by less than this share of the accelerations
+/// at the contact: their round-off would then decide how much of the couple acts. So it is just before the tip has lost its
+/// compression, where the couple is zero and the equations of graze have a pole.
+const NARROW: f64 = 1e-12;
+
 /// The contacts of one run in given modes at the present tilts. A contact that opens freezes its present tilt.
 pub fn contacts_in(modes: [Mode; 2], now: &[Contact; 2], tilts: [f64; 2]) -> Contacts<f64> {
     let tilt = |i: usize| {
@@ -181,6 +186,7 @@ fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2],
     let friction = equations.friction().unwrap_or([f64::INFINITY; 2]);
     let (acceleration, multipliers) = (&terms.response.acceleration, &terms.response.multipliers);
     let (swept, bias) = (equations.swept(terms), terms.geometry.bias());
+    let graze = modes.map(|mode| mode == Mode::Graze);
     let own = |i: usize| {
         // The terms of the accelerations of the gap and of the slip, and those that the multipliers make.
         let mut size = f64::MIN_POSITIVE;
@@ -195,6 +201,7 @@ fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2],
             Mode::Slip(_) if now[i].slip.is_some() => along / size,
             Mode::Slip(direction) => (along / size).min(direction.sign() * rate(2 + i)),
             // The margin of 0 <= psi <= 1.
+            Mode::Graze if terms.response.couple_effect(i, graze) < NARROW * size => f64::NEG_INFINITY,
             Mode::Graze => terms.response.share[i].min(1.0 - terms.response.share[i]),
             Mode::Free if !now[i].closed => 1.0,
             Mode::Free => rate(i),

@@ -269,13 +269,12 @@ impl EventStepper<'_> {
     fn values(&self, terms: &Terms<f64>, motion: &Motion<f64>) -> impl Iterator<Item = (Event, f64)> + use<> {
         let Terms { geometry, response, .. } = terms;
         let state = Evaluation::of_contacts(motion, &response.multipliers, geometry, response.share);
-        let [right, left] = self.drive.contacts.graze;
-        let (both, mut values) = (right & left & 1 != 0, [[None; CAUSES.len()]; 2]);
+        let graze = self.drive.contacts.graze.map(|lanes| lanes & 1 != 0);
+        let mut values = [[None; CAUSES.len()]; 2];
         let size = response.acceleration.object[0].abs() + response.acceleration.object[1].abs();
         for (finger, own) in values.iter_mut().enumerate() {
-            // The part psi is an acceleration over that which the couple makes, the pivot of the finger that grazes. It comes last.
-            let effect = response.pivots[if both { 2 * finger } else { 2 }].abs();
-            let round_off = ROUND_OFF * (1.0 + size / effect);
+            // The part psi is an acceleration over that which the couple makes.
+            let round_off = ROUND_OFF * (1.0 + size / response.couple_effect(finger, graze));
             self.limits.conditions(&state, Some(&self.drive.contacts), finger, true, |condition| {
                 let Condition { failure: Failure::Event(cause), lanes, value, .. } = condition else {
                     return;
