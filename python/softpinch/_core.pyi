@@ -30,6 +30,7 @@ __all__ = [
     "RESULTS_VERSION",
     "RULES",
     "SENSITIVITIES",
+    "SHARE_OF_SLIPS",
     "SIMD_LEVELS",
     "STATUSES",
     "SUMMARIES",
@@ -58,6 +59,7 @@ __all__ = [
 
 __version__: Final[str]
 RESULTS_VERSION: Final[int]
+SHARE_OF_SLIPS: Final[float]
 RULES: Final[dict[str, dict[str, str]]]
 PARAMETERS: Final[tuple[str, ...]]
 DEFAULTS: Final[_Floats]

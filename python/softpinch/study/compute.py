@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _core
 from ..analysis.rest import equilibrium
 from ..run.request import Request
 from ..run.stiffness import GROWN, is_explicit, too_long
@@ -150,10 +151,8 @@ class Computation:
             failed_parts.append(Spans.of(part["run"][part["status"] != "completed"]).edges)
         unstable, failed = Spans.joined(unstable_parts), Spans.joined(failed_parts)
         suspects = (unstable if unstable.count else failed).evenly_spaced(_SUSPECTS).tolist()
-        ratio, least_stable = self._least_stable
-        looks = ratio > 1.0 and results.has(least_stable) and not failed.has(least_stable)
-        if not unstable.count and looks:
-            suspects.append(least_stable)
+        if not unstable.count and self._needs_a_look(results):
+            suspects.append(self._least_stable[1])
         text, run, status = None, -1, ""
         for run in suspects:
             row = results._rows_of(np.array([run], np.uint64)).columns
@@ -173,6 +172,17 @@ class Computation:
             what = f"run {run}, one of {failed.count} that did not complete"
         if text is not None:
             warn(f"{what}: {text}", StabilityWarning)
+
+    def _needs_a_look(self, results: Results) -> bool:
+        """True if the steps of the completed run with the longest ones may have been too long."""
+        ratio, run = self._least_stable
+        if not results.has(run):
+            return False
+        row = results._rows_of(np.array([run], np.uint64)).columns
+        beyond_rim = np.isfinite(row["first_rim"][0])
+        slips = self.spec.scene.contact == "unilateral" and np.isfinite(row["first_slipping"][0])
+        least = 0.0 if beyond_rim else _core.SHARE_OF_SLIPS if slips else 1.0
+        return bool(ratio > least and row["status"][0] == "completed")
 
     def _warn_of_loop(self, results: Results) -> None:
         """Says that the loop of the scene's sampled controller is unstable, if runs do not rest."""

@@ -17,10 +17,9 @@ use softpinch::driver::{Row, check as check_scene, ensemble, stability_warning};
 use softpinch::error::{Error, lookup};
 use softpinch::model::start;
 use softpinch::model::{
-    ContactModel, Coordinates, Fingers, Motion, PARAMETER_COUNT, Parameters, Scene, State, parameter_table,
-    relaxed,
+    Coordinates, Fingers, Motion, PARAMETER_COUNT, Parameters, Scene, State, parameter_table, relaxed,
 };
-use softpinch::stepping::{Options, SHARE_OF_SLIPS, SUMMARIES, Status, VIOLATIONS, arrival};
+use softpinch::stepping::{Options, SUMMARIES, Status, VIOLATIONS, arrival};
 
 /// Makes the coordinates of a start from the parameters.
 type MakeStart = fn(&Parameters) -> Result<Coordinates, Error>;
@@ -197,13 +196,11 @@ impl Batch {
         Ok(batch)
     }
 
-    /// The run whose step is the longest by the one from which on eigenvalues should be looked at: this ratio, and the
-    /// run's place among the runs.
+    /// The run whose step is the longest by the one that is stable by a bound on the rates: this ratio, above 1 if the run
+    /// may be unstable, and its place among the runs.
     #[getter]
     fn least_stable(&self) -> (f64, usize) {
-        let (ratio, run) = self.least_stable;
-        let from = if self.options.contact == ContactModel::Unilateral { SHARE_OF_SLIPS } else { 1.0 };
-        (ratio / from, run)
+        self.least_stable
     }
 
     /// Simulates all runs. `watch(done)` is called from time to time and stops the runs by returning True.

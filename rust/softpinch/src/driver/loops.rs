@@ -6,15 +6,19 @@ use crate::formulation::{AnyParts, EquationKind, Inlined, Unilateral, with};
 use crate::method::{MakeInLanes, Method, Rk4, Rk4InLanes, Runs};
 use crate::model::{ContactModel, Fingers};
 use crate::number::{LaneKernel, Lanes, Real, call_four_lanes, dispatch_lanes};
-use crate::stepping::{AdaptiveSteps, EqualSteps, LoopSystem, RunLoop, Steps};
+use crate::stepping::{AdaptiveSteps, EqualSteps, LoopSystem, Options, RunLoop, Steps};
 
 impl RunLoop<'_> {
     /// Computes the runs in lanes, if the steps of the method have lanes.
     pub fn in_lanes(self) -> Result {
-        // Vectors of eight lanes have code for the paper's parts only.
+        // Jacobians in vectors of eight lanes have code for the paper's parts only.
         let papers = self.scene.parameters.has_the_papers_parts();
-        let level = self.options.simd;
-        if papers { dispatch_lanes(level, self)? } else { call_four_lanes(self) }
+        let Options { simd, method, .. } = *self.options;
+        if papers || method != Method::Rosenbrock {
+            dispatch_lanes(simd, self)?
+        } else {
+            call_four_lanes(self)
+        }
     }
 
     /// Computes the runs one after the other: a single one, or those of a method whose steps have no lanes.

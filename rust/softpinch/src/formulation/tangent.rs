@@ -224,15 +224,14 @@ impl Runs<'_> {
 
     /// Builds the same equations in dual numbers.
     pub fn tangent<R: Lanes>(&self) -> Tangent<R> {
-        let papers = !R::ANY_PARTS || self.parameters[0].has_the_papers_parts();
         let build = BuildFor(*self, PhantomData);
         if const { R::WIDTH == 1 } {
             Tangent::Swept(call_four_lanes(build))
-        } else if papers {
+        } else if const { R::VARIED_PARTS } && !self.parameters[0].has_the_papers_parts() {
+            Tangent::Swept(build.run::<R>())
+        } else {
             let source = &Constants(&self.parameters);
             Tangent::InLanes(Box::new(SceneEquations::new(self.choice, source, self.gains)))
-        } else {
-            Tangent::Swept(build.run::<R>())
         }
     }
 }

@@ -40,7 +40,7 @@ pub struct Linearization<R = f64> {
 
 #[inline(always)]
 fn reduce<R: Lanes>(states: usize, d: usize, branches: bool, of: &mut Linearization<R>) {
-    let branches = branches && R::ANY_PARTS;
+    let branches = branches && R::VARIED_PARTS;
     let Linearization { jacobian: Jacobian { rows }, stiffness, delayed, .. } = of;
     for i in 0..d {
         let rate = &rows[d + i];
@@ -61,7 +61,7 @@ fn factor<T: Entry>(states: usize, d: usize, branches: bool, of: &Linearization<
 where
     T::Part: Lanes,
 {
-    let branches = branches && T::Part::ANY_PARTS;
+    let branches = branches && T::Part::VARIED_PARTS;
     let (zero, one) = (T::of(T::Part::zero()), T::of(T::Part::constant(1.0)));
     let inverse = one / g;
     let mut matrix = [[zero; MOST_ROWS]; MOST_ROWS];
@@ -126,7 +126,7 @@ fn solve<T: Entry>(
 where
     T::Part: Lanes,
 {
-    let branches = branches && T::Part::ANY_PARTS;
+    let branches = branches && T::Part::VARIED_PARTS;
     let rows = &of.jacobian.rows;
     let inverse = factors.inverse;
     let mut x = *b;

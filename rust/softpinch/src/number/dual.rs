@@ -105,7 +105,8 @@ impl<R: Real, const W: usize> Neg for Dual<R, W> {
 
 impl<R: Real, const W: usize> Real for Dual<R, W> {
     /// One direction after the other takes little code.
-    const ANY_PARTS: bool = R::ANY_PARTS && W == 1;
+    const ANY_PARTS: bool = R::VARIED_PARTS && W == 1;
+    const VARIED_PARTS: bool = Self::ANY_PARTS;
     const ORDER: usize = R::ORDER + 1;
 
     inlined! {

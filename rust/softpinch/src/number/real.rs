@@ -108,6 +108,8 @@ pub trait Real:
     /// Whether code for contacts that are not the paper's is compiled for these numbers. Where it is not, a scene that has
     /// them takes other numbers.
     const ANY_PARTS: bool = true;
+    /// The same of their dual numbers.
+    const VARIED_PARTS: bool = true;
     /// The order of the derivatives that the numbers carry.
     const ORDER: usize = 0;
 

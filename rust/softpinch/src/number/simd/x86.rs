@@ -24,7 +24,7 @@ macro_rules! instructions {
 
 macro_rules! vector {
     ($(#[$doc:meta])* $name:ident, $register:ident, $width:literal, $set1:ident, $fma:ident, $fnma:ident, $xor:ident,
-     $sqrt:ident, $features:literal, $any_parts:literal,
+     $sqrt:ident, $features:literal, $varied_parts:literal,
      $($operator:ident, $method:ident, $instruction:ident;)*) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy)]
@@ -65,7 +65,7 @@ macro_rules! vector {
         }
 
         impl Real for $name {
-            const ANY_PARTS: bool = $any_parts;
+            const VARIED_PARTS: bool = $varied_parts;
 
             instructions! {
                 constant(x: f64) -> Self { Self($set1(x)) }
