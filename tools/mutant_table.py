@@ -80,7 +80,7 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/projected.rs",
-        "q = if R::ORDER > 0 { R::outlined(step) } else { step.run() };",
+        "q = if const { R::ORDER > 0 } { R::outlined(step) } else { step.run() };",
         "let _ = (step, &mut q);",
         "formulations",
     ),
