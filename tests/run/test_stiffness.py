@@ -306,6 +306,41 @@ def test_a_simulator_ends_as_unstable() -> None:
     assert seen.status == "unstable"
 
 
+def check_the_limit(scene: sp.Scene, limit: float) -> None:
+    calm = sp.simulate(scene, dt=limit / 3.0, record=("energy",))
+    assert calm.status != "unstable", calm.message
+    assert calm.status != "completed" or open_share(calm) < 0.1
+    # The bound on the rates is one: whatever is beyond the limit is looked at.
+    options = Options.checked(dt=1.001 * limit)
+    assert limit > scene.duration or Request(scene, options).compute()["may_be_unstable"]
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        pytest.param(819, id="a graze"),
+        pytest.param(1325, id="a slip of 0.3 microseconds"),
+        pytest.param(1741, id="near the critical friction"),
+    ],
+)
+def test_rates_beyond_the_bound(place: int) -> None:
+    """Scenes of the long sweep below, in which the bound does not hold or rows are far apart."""
+    rng = np.random.default_rng(41)
+    scene = [random_pinch(rng, "unilateral") for _ in range(place + 1)][-1]
+    check_the_limit(scene, sp.max_stable_dt(scene, measure=False).predicted)
+
+
+def test_runs_beyond_the_rim_of_a_tip_are_looked_at() -> None:
+    rng = np.random.default_rng(41)
+    scene = [random_pinch(rng, "unilateral") for _ in range(1998)][-1]
+    result = Request(scene, Options.checked(dt=1e-5)).compute()
+    assert result["violations"]["rim"] < scene.duration
+    assert result["may_be_unstable"]
+    assert not Request(replace(scene, duration=0.1), Options.checked(dt=1e-5)).compute()[
+        "may_be_unstable"
+    ]
+
+
 @pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
 @pytest.mark.parametrize(
     "runs", [20, pytest.param(2500, marks=pytest.mark.slow)], ids=["some", "many"]
@@ -325,12 +360,7 @@ def test_random_hands_have_no_false_alarm_and_nothing_wrong_completes(
             assert "rim" in sp.simulate(scene, method="radau5", tolerance=1e-6).violations
             unknown += 1
             continue
-        calm = sp.simulate(scene, dt=limit / 3.0, record=("energy",))
-        assert calm.status != "unstable", calm.message
-        assert calm.status != "completed" or open_share(calm) < 0.1
-        # The bound on the rates is one: whatever is beyond the limit is looked at.
-        options = Options.checked(dt=1.001 * limit)
-        assert limit > scene.duration or Request(scene, options).compute()["may_be_unstable"]
+        check_the_limit(scene, limit)
         for factor in (1.1, 1.5, 2.5):
             run = sp.simulate(scene, dt=factor * limit, record=("energy",))
             alarms += run.status == "unstable"
