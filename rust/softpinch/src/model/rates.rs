@@ -6,13 +6,13 @@ use crate::model::{Fingers, MechanismKind, Parameters, ShapeKind};
 /// A bound on |eigenvalue| of the motion without the stabilisation's own modes, 1/s.
 ///
 /// M q'' + C q' + K q = 0 without any constraint has |s| <= (c + sqrt(c^2 + 4 k)) / 2, where c and k are the largest
-/// eigenvalues of M^-1 C and M^-1 K. A contact that sticks constrains this motion, which makes neither c nor k larger; a
-/// free tip moves by itself. Slips under friction near the critical one, and grazes, may have larger rates. M and C are
-/// diagonal. K has K_P of (39) and the second
-/// derivatives of (5), which are largest at d_n = a and theta_p = 0 as long as the contact has not reached the rim of
-/// the hemisphere. Its largest eigenvalue is at most the sum of the diagonal of M^-1 K over the coordinates that one
-/// tip moves. The integral of (39) adds at most the cube root of K_I / I_i, a Maxwell
-/// branch its own rate and the stiffness that it has at once. Dry friction of a joint damps by f / v at most.
+/// eigenvalues of M^-1 C and M^-1 K. A contact that sticks constrains this motion, which makes neither c nor k larger;
+/// a free tip moves by itself. Slips under friction near the critical one, and grazes, may have larger rates. M and C
+/// are diagonal. K has K_P of (39) and the second derivatives of (5), which are largest at d_n = a and theta_p = 0 as
+/// long as the contact has not reached the rim of the hemisphere. Its largest eigenvalue is at most the sum of the
+/// diagonal of M^-1 K over the coordinates that one tip moves. The integral of (39) adds at most the cube root of K_I /
+/// I_i, a Maxwell branch its own rate and the stiffness that it has at once. Dry friction of a joint damps by f / v at
+/// most.
 pub fn fastest_rate(parameters: &Parameters, fingers: Fingers) -> f64 {
     let Parameters { tips, grasped, control, .. } = parameters;
     let inertias = parameters.masses().finger;
