@@ -53,7 +53,12 @@ def active(modes: Modes | None, rows: int) -> NDArray[np.bool_]:
 
 def grazes(contacts: Floats) -> NDArray[np.bool_]:
     """Returns the rows (n,) of contacts (n, 4) in which a tip grazes."""
-    return np.asarray((np.abs(contacts[:, :2]) >= ContactMode.GRAZE).any(axis=1))
+    return np.asarray((_modes(contacts) == ContactMode.GRAZE).any(axis=1))
+
+
+def _modes(contacts: Floats) -> Modes:
+    # The sign of a code is the direction of a slip; 4 is graze while the face moves.
+    return np.minimum(np.abs(contacts[:, :2]), ContactMode.GRAZE).astype(np.uint8)
 
 
 def known_modes(result: Mapping[str, Any]) -> Modes | None:
@@ -62,7 +67,5 @@ def known_modes(result: Mapping[str, Any]) -> Modes | None:
     if last is None:
         return None
     codes = last[None] if result["contacts"] is None else result["contacts"]
-    # The sign of a code is the direction of a slip; 4 is graze while the face moves.
-    from_states: Modes = np.minimum(np.abs(codes[:, :2]), ContactMode.GRAZE).astype(np.uint8)
     recorded: Modes | None = result["contact"]
-    return from_states if recorded is None else recorded
+    return _modes(codes) if recorded is None else recorded

@@ -120,7 +120,8 @@ fn a_period_from_outside_allocates_its_method_at_most() {
                 }
                 let counted = measure(|| assert_eq!(step(), Ok(true)));
                 // The box of the method, one for a loop, and that of the equations of its Jacobian, one for all lanes, or for each
-                // run. Rosenbrock has its linearisation in a box, because that of lanes is large. RK4 is inlined into its loops, except with unilateral contact in the loop of a single run.
+                // run. Rosenbrock has its linearisation in a box, because that of lanes is large. RK4 is inlined into its
+                // loops, except with unilateral contact in the loop of a single run.
                 let boxes = match method {
                     Method::Rk4 => u64::from(runs == 1 && contact == ContactModel::Unilateral),
                     Method::Rosenbrock => 3,
