@@ -400,8 +400,8 @@ MUTANTS = (
     ),
     Mutant(
         "formulation/equations.rs",
-        "R::select(free, frozen.normal, live.normal)",
-        "live.normal",
+        "R::select(free, sin, *sin_tilt)",
+        "*sin_tilt",
         "contact_invariants or contact_agreement",
     ),
     Mutant(

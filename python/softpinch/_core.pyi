@@ -30,7 +30,6 @@ __all__ = [
     "RESULTS_VERSION",
     "RULES",
     "SENSITIVITIES",
-    "SHARE_OF_SLIPS",
     "SIMD_LEVELS",
     "STATUSES",
     "SUMMARIES",
@@ -59,7 +58,6 @@ __all__ = [
 
 __version__: Final[str]
 RESULTS_VERSION: Final[int]
-SHARE_OF_SLIPS: Final[float]
 RULES: Final[dict[str, dict[str, str]]]
 PARAMETERS: Final[tuple[str, ...]]
 DEFAULTS: Final[_Floats]
@@ -151,7 +149,7 @@ class _Run(TypedDict):
     holds: bool
     stats: dict[str, int]
     warnings: list[str]
-    may_be_unstable: bool
+    step_to_stable_one: float
 
 class _Outline(TypedDict):
     segments: int

@@ -15,7 +15,7 @@ from .request import Request
 from .run import Run
 from .sensitivity import SensitivityState, differentiated
 from .sensitivity import checked as checked_paths
-from .stiffness import too_long, unstable
+from .stiffness import needs_a_look, too_long, unstable
 
 
 def simulate(
@@ -116,8 +116,9 @@ def warn_of_steps(request: Request, result: Mapping[str, Any]) -> None:
     """Warns of a run whose steps were too long or whose sampled loop is unstable."""
     status, end = result["status"], float(result["t"][-1])
     texts = list(result["warnings"])
+    looks = needs_a_look(result["step_to_stable_one"], request.scene, result["violations"])
     try:
-        if not texts and (status != "completed" or result["may_be_unstable"]):
+        if not texts and (status != "completed" or looks):
             texts.append(too_long(request, status, end))
         if texts == [None] and status != "completed":
             texts = [unstable(request, status, end)]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..analysis.rest import equilibrium
 from ..run.request import Request
-from ..run.stiffness import GROWN, is_explicit, too_long
+from ..run.stiffness import GROWN, is_explicit, needs_a_look, too_long
 from ..scene import Scene
 from ..support import checks
 from ..support.arrays import Floats
@@ -179,10 +179,10 @@ class Computation:
         if not results.has(run):
             return False
         row = results._rows_of(np.array([run], np.uint64)).columns
-        beyond_rim = np.isfinite(row["first_rim"][0])
-        slips = self.spec.scene.contact == "unilateral" and np.isfinite(row["first_slipping"][0])
-        least = 0.0 if beyond_rim else _core.SHARE_OF_SLIPS if slips else 1.0
-        return bool(ratio > least and row["status"][0] == "completed")
+        seen = {name: float(row[f"first_{name}"][0]) for name in ("rim", "slipping")}
+        first = {name: time for name, time in seen.items() if np.isfinite(time)}
+        completed = row["status"][0] == "completed"
+        return bool(completed and needs_a_look(ratio, self.spec.scene, first))
 
     def _warn_of_loop(self, results: Results) -> None:
         """Says that the loop of the scene's sampled controller is unstable, if runs do not rest."""

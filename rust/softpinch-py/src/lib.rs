@@ -41,7 +41,7 @@ use softpinch::model::{
     Surroundings, parameter_table,
 };
 use softpinch::number::{LEVELS, Level};
-use softpinch::stepping::{MAX_STEPS, RECORDABLE, SHARE_OF_SLIPS, STATUSES, SUMMARIES, UNITS, VIOLATIONS};
+use softpinch::stepping::{MAX_STEPS, RECORDABLE, STATUSES, SUMMARIES, UNITS, VIOLATIONS};
 
 /// The public records and the rules of their fields.
 fn records() -> Vec<(&'static str, Vec<(&'static str, Rule)>)> {
@@ -260,7 +260,6 @@ fn fill(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("MAX_STEPS", MAX_STEPS)?;
     module.add("ORDERS", METHODS.map(|(name, method)| (name, method.entry().order)).into_py_dict(py)?)?;
     module.add("RESULTS_VERSION", softpinch::RESULTS_VERSION)?;
-    module.add("SHARE_OF_SLIPS", SHARE_OF_SLIPS)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     Ok(())
 }

@@ -94,9 +94,8 @@ impl Simulation {
     fn run<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let result = detached(py, |stops| simulate(&self.scene, &self.options, stops))?;
         let (run, warning) = result.map_err(raise)?;
-        let looks = self.options.needs_a_look(&self.scene, &run);
         let out = convert::run(py, run, warning)?;
-        out.set_item("may_be_unstable", looks)?;
+        out.set_item("step_to_stable_one", self.options.step_to_stable_one(&self.scene))?;
         Ok(out)
     }
 

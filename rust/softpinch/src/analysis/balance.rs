@@ -93,7 +93,7 @@ impl<R: Real> Balance<R> {
         let moving = frame.map(|own| plant.loads(own, &input.force, q.object, motion.p.object));
         let applied = (input, moving.as_ref());
         // Driven fingers are held, so that the torques are left out again below.
-        let forces = plant.forces(false, plant.elastic(&geometry, &q), &geometry, &motion, applied);
+        let forces = plant.forces(false, plant.elastic(geometry.tips(&q)), &geometry, &motion, applied);
         // At rest the multipliers balance the resistances of the deformations.
         let multipliers = forces.resistance;
         let (applied, carried) = (forces.total(&geometry), geometry.phi_transposed_times(&multipliers));
@@ -218,7 +218,7 @@ impl RestScene {
 
     /// The energies of a state at rest.
     pub fn energies(&self, balance: &Balance<f64>) -> Energies {
-        self.plant.energies::<Any>(&balance.q, &Coordinates::zero())
+        self.plant.energies::<Any>(self.plant.tips::<Any>(&balance.q), &balance.q, &Coordinates::zero())
     }
 
     /// The stiffness that a finger's law has, N m/rad.

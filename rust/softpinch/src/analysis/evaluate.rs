@@ -73,7 +73,12 @@ pub fn evaluate(
         ("target", input.target.to_vec()),
     ];
     let (mass_matrix, constraint_matrix) = (parameters.mass_matrix(), geometry.constraint_matrix());
-    Ok(Terms { mass_matrix, constraint_matrix, vectors, energies: plant.energies::<Any>(q, p) })
+    Ok(Terms {
+        mass_matrix,
+        constraint_matrix,
+        vectors,
+        energies: plant.energies::<Any>(plant.tips::<Any>(q), q, p),
+    })
 }
 
 /// A vector over q, from its parts for the object, the fingers, and d_n1, d_n2, d_t1 and d_t2.

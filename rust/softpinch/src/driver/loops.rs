@@ -34,7 +34,7 @@ impl RunLoop<'_> {
         if options.method == Method::Rk4
             && options.contact == ContactModel::Bilateral
             && !(choice.carried.ledger || choice.moves)
-            && scene.parameters.has_the_papers_parts()
+            && scene.parameters.has_the_papers_geometry()
         {
             let called = &options.runs(scene).system();
             return with!(called.kind, equations [false, false] => if choice.fingers == Fingers::Driven {

@@ -1,8 +1,8 @@
-//! The equations of a scene whose parts are not the paper's: jaws, arcs, measured tips.
+//! The equations of a scene whose contacts are not the paper's: jaws, arcs, tips that relax.
 //!
 //! They are those of unilateral contact, in which both tips stick if the contact is bilateral, in one piece of code for all
 //! formulations. So the code of the paper's contacts has no branch for others, and loops, methods and solves are not
-//! multiplied by their kinds.
+//! multiplied by their kinds. Other laws of the tip need no other equations: those of the paper call them.
 
 use crate::formulation::{Equations, Unilateral};
 use crate::model::{Geometry, Motion, Others, Plant};

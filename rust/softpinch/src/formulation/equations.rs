@@ -6,8 +6,8 @@ use std::fmt::Debug;
 use crate::formulation::contact_solve::Load;
 use crate::formulation::{Response, Size, constrained, response};
 use crate::model::{
-    Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, ElasticGradient, Energies, Forces,
-    Geometry, Input, Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
+    Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, Energies, Forces, Geometry, Input,
+    Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
 };
 use crate::number::{LaneTask, Real, dot, inlined, task};
 
@@ -249,11 +249,18 @@ pub trait Equations<R: Real>: Copy + Debug {
         geometry: &Geometry<R, Self::Parts>,
     ) -> Solved<R> {
         let (plant, friction) = (self.plant(), self.friction());
-        let mut elastic = plant.elastic(geometry, &motion.q);
-        let couple = [elastic[0].tilt, elastic[1].tilt];
         let special = if friction.is_some() { contacts.special() } else { 0 };
+        let mut tips = geometry.tips(&motion.q);
         if special != 0 {
-            elastic = released::<R, Self::Parts>(plant, contacts, elastic, &motion.q);
+            freeze(contacts, &mut tips);
+        }
+        let mut elastic = plant.elastic(tips);
+        let couple = [elastic[0].tilt, elastic[1].tilt];
+        if special != 0 {
+            // The couples of tips that graze or are free do not act.
+            for i in 0..2 {
+                elastic[i].tilt = R::select(contacts.unloaded(i), R::zero(), couple[i]);
+            }
         }
         if let Some(tips) = plant.relaxing::<Self::Parts>(motion, false) {
             for i in 0..2 {
@@ -366,33 +373,20 @@ pub trait Equations<R: Real>: Copy + Debug {
         }
     }
 
-    #[inline(always)]
-    fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        let work = EnergiesOf { equations: self, contacts, motion };
-        if const { Self::CALLED } { R::outlined(work) } else { work.run() }
+    inlined! {
+        energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> =
+            R::outlined(EnergiesOf { equations: self, contacts, motion });
     }
 }
 
-/// The gradients of (5) in the modes of the contacts: with frozen tilts where tips are free, and without
-/// the couples of tips that graze or are free.
+/// Gives free tips the tilt at which they froze.
 #[inline(always)]
-fn released<R: Real, P: Parts>(
-    plant: &Plant<R>,
-    contacts: &Contacts<R>,
-    mut elastic: [ElasticGradient<R>; 2],
-    q: &Coordinates<R>,
-) -> [ElasticGradient<R>; 2] {
+fn freeze<R: Real>(contacts: &Contacts<R>, tips: &mut [[R; 4]; 2]) {
     for i in 0..2 {
+        let (free, [sin_tilt, cos_tilt, ..]) = (contacts.free[i], &mut tips[i]);
         let (sin, cos) = contacts.frozen_tilt[i].sin_cos();
-        let frozen = plant.tips[i].gradient::<P>([sin, cos, q.compression[i], q.shear[i]]);
-        let (free, live) = (contacts.free[i], elastic[i]);
-        elastic[i] = ElasticGradient {
-            tilt: R::select(contacts.unloaded(i), R::zero(), live.tilt),
-            normal: R::select(free, frozen.normal, live.normal),
-            tangential: R::select(free, frozen.tangential, live.tangential),
-        };
+        (*sin_tilt, *cos_tilt) = (R::select(free, sin, *sin_tilt), R::select(free, cos, *cos_tilt));
     }
-    elastic
 }
 
 task! {
@@ -401,20 +395,13 @@ task! {
     EnergiesOf<'a, R, E>(equations: &'a E, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
     for R => Energies<R> = {
         let (plant, Motion { q, p, .. }) = (equations.plant(), motion);
-        let mut energies = plant.energies::<E::Parts>(q, p);
+        let mut tips = plant.tips::<E::Parts>(q);
+        if equations.friction().is_some() && contacts.free[0] | contacts.free[1] != 0 {
+            freeze(contacts, &mut tips);
+        }
+        let mut energies = plant.energies::<E::Parts>(tips, q, p);
         if let Some([right, left]) = plant.relaxing::<E::Parts>(motion, true) {
             energies.elastic = (energies.elastic + right.stored) + left.stored;
-        }
-        if equations.friction().is_some() && contacts.free[0] | contacts.free[1] != 0 {
-            for i in 0..2 {
-                let (_, sin, cos) = plant.sides[i].tilt::<E::Parts>(i, q);
-                let (frozen_sin, frozen_cos) = contacts.frozen_tilt[i].sin_cos();
-                let (d_n, d_t) = (q.compression[i], q.shear[i]);
-                let live = plant.tips[i].energy::<E::Parts>([sin, cos, d_n, d_t]);
-                let frozen = plant.tips[i].energy::<E::Parts>([frozen_sin, frozen_cos, d_n, d_t]);
-                let gain = R::select(contacts.free[i], frozen - live, R::zero());
-                energies.elastic = energies.elastic + gain;
-            }
         }
         energies
     }

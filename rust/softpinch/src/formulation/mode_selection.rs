@@ -331,7 +331,7 @@ mod tests {
             let response = &terms.response;
             let swept = terms.geometry.phi_times(&response.acceleration);
             let bias = terms.geometry.bias();
-            let elastic = equations.plant().elastic(&terms.geometry, &motion.q);
+            let elastic = equations.plant().elastic(terms.geometry.tips(&motion.q));
             // M a = f + Phi^T lambda + the couples that act.
             let mut force = terms.forces.total(&terms.geometry);
             let push = terms.geometry.phi_transposed_times(&response.multipliers);

@@ -70,7 +70,7 @@ task! {
         let csm = Csm::new(Plant::called(source, fingers, moves), &formulation.gains(gains));
         let opens = contact == ContactModel::Unilateral;
         let drifts = opens || formulation != Formulation::Nullspace;
-        let papers = !R::ANY_PARTS || source.kinds().has_the_papers_parts();
+        let papers = !R::ANY_PARTS || source.kinds().has_the_papers_geometry();
         match (papers, opens) {
             (true, false) if drifts => EquationKind::Csm(csm),
             (true, false) => EquationKind::Nullspace(Nullspace { plant: csm.plant }),
@@ -241,11 +241,6 @@ task! {
 }
 task! {
     ['a, R: Lanes, E: Equations<R>]
-    Energy<'a, R, E>(equations: &'a E, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
-    for R => Energies<R> = equations.energies(contacts, motion)
-}
-task! {
-    ['a, R: Lanes, E: Equations<R>]
     Correct<'a, R, E>(equations: &'a E, drive: &'a SegmentDrive<R>, tau: R, y: &'a mut States<R>, carried: Carried)
     for R => () = if equations.drifts() {
         let driven = equations.plant().driven;
@@ -269,7 +264,7 @@ impl<R: Lanes> SceneEquations<R> {
 
     /// The energies of a motion in the modes of the contacts, for the ledger.
     pub fn energies(&self, contacts: &Contacts<R>, motion: &Motion<R>) -> Energies<R> {
-        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => R::outlined(Energy { equations, contacts, motion }))
+        with!(self.kind, equations [R::ORDER == 0, R::ANY_PARTS] => equations.energies(contacts, motion))
     }
 
     /// Puts the state at the end of a step back on the constraints, if the formulation does that.

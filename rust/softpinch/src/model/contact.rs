@@ -12,7 +12,7 @@
 //! one file and one line in the table of its part.
 //!
 //! The paper's contact, a link on a parallel face, is compiled into the equations; three sines and cosines serve both
-//! sides. A contact of any other parts is computed by one function, `PartsAt::contact`, which is called.
+//! sides. A contact of another mechanism or side is computed by one function, `PartsAt::contact`, which is called.
 
 pub(crate) mod law;
 pub(crate) mod mechanism;
@@ -114,7 +114,7 @@ impl<R: Real> Side<R> {
     #[inline(always)]
     fn new(source: &impl Source<R>, i: usize) -> Self {
         let mut others = None;
-        if R::ANY_PARTS && !source.kinds().has_the_papers_parts() {
+        if R::ANY_PARTS && !source.kinds().has_the_papers_geometry() {
             others = Some(R::outlined(Build { source, i }));
         }
         Self {

@@ -1,7 +1,7 @@
 //! The forces of (24), and the constants of a scene that all formulations share.
 
 use crate::model::contact::Side;
-use crate::model::contact::law::Tip;
+use crate::model::contact::law::{self, Tip};
 use crate::model::control::Controller;
 use crate::model::{
     BILATERAL_WORKS, Coordinates, ElasticGradient, Energies, Fingers, FrameLoads, Geometry, Input,
@@ -134,18 +134,10 @@ impl<R: Real> Plant<R> {
         }
     }
 
+    /// The gradients of the elastic energies of tips ([`Geometry::tips`]).
     #[inline(always)]
-    pub fn elastic<P: Parts>(
-        &self,
-        geometry: &Geometry<R, P>,
-        q: &Coordinates<R>,
-    ) -> [ElasticGradient<R>; 2] {
-        // A closure would be compiled without the instructions of the lanes.
-        let [right, left] = &geometry.contacts;
-        [
-            self.tips[0].gradient::<P>([right.sin_tilt, right.cos_tilt, q.compression[0], q.shear[0]]),
-            self.tips[1].gradient::<P>([left.sin_tilt, left.cos_tilt, q.compression[1], q.shear[1]]),
-        ]
+    pub fn elastic(&self, tips: [[R; 4]; 2]) -> [ElasticGradient<R>; 2] {
+        law::gradients(&self.tips, tips)
     }
 
     /// The forces of a motion for these gradients of (5), with the inputs of the instant. `driven` leaves the torques out.
@@ -237,25 +229,38 @@ impl<R: Real> Plant<R> {
         ]
     }
 
-    /// The energies at (q, p): (5), (16) and p M p / 2.
+    /// [`Geometry::tips`] at coordinates.
     #[inline(always)]
-    pub fn energies<P: Parts>(&self, q: &Coordinates<R>, p: &Coordinates<R>) -> Energies<R> {
+    pub fn tips<P: Parts>(&self, q: &Coordinates<R>) -> [[R; 4]; 2] {
+        let mut tips = [[R::zero(); 4]; 2];
+        for i in 0..2 {
+            let (_, sin_tilt, cos_tilt) = self.sides[i].tilt::<P>(i, q);
+            tips[i] = [sin_tilt, cos_tilt, q.compression[i], q.shear[i]];
+        }
+        tips
+    }
+
+    /// The energies at (q, p): (5) of these tips, (16) and p M p / 2.
+    #[inline(always)]
+    pub fn energies<P: Parts>(
+        &self,
+        tips: [[R; 4]; 2],
+        q: &Coordinates<R>,
+        p: &Coordinates<R>,
+    ) -> Energies<R> {
         let mut doubled = R::zero();
         for (&mass, &rate) in self.masses.row().iter().zip(&p.row()) {
             doubled = (mass * rate).mul_add(rate, doubled);
         }
-        let mut elastic = R::zero();
         let mut gravity = self.weight * q.object[1];
         for i in 0..2 {
-            let (_, sin_tilt, cos_tilt) = self.sides[i].tilt::<P>(i, q);
-            let at = [sin_tilt, cos_tilt, q.compression[i], q.shear[i]];
-            elastic = elastic + self.tips[i].energy::<P>(at);
             gravity = match self.sides[i].jaw() {
                 Some(_) if !P::PAPERS => self.finger_weights[i][2].neg_mul_add(q.finger[i], gravity),
                 _ => self.finger_weights[i][0].mul_add(q.finger[i].sin_cos().1, gravity),
             };
         }
-        Energies { kinetic: R::constant(0.5) * doubled, elastic, gravity }
+        let [right, left] = law::energies(&self.tips, tips);
+        Energies { kinetic: R::constant(0.5) * doubled, elastic: right + left, gravity }
     }
 
     /// The effects of the Maxwell branches of both tips; `None` if there are no branches. `ledger` says whether the energy
@@ -266,7 +271,7 @@ impl<R: Real> Plant<R> {
             return None;
         }
         let [right, left] = &self.tips;
-        Some([right.relaxing::<P>(0, motion, ledger), left.relaxing::<P>(1, motion, ledger)])
+        Some([right.relaxing(0, motion, ledger), left.relaxing(1, motion, ledger)])
     }
 
     #[inline(always)]

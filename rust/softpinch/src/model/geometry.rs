@@ -128,6 +128,14 @@ impl<R: Real, P: Parts> Geometry<R, P> {
             [along.dot2(self.cos, -across, self.sin), along.dot2(self.sin, across, self.cos)];
         /// The components of the vector (x, y) along the object's normal and across it.
         pub inward(&self, [x, y]: [R; 2]) -> [R; 2] = [x.dot2(self.cos, y, self.sin), y.dot2(self.cos, -x, self.sin)];
+        /// sin theta_p, cos theta_p, d_n and d_t of both tips, on which their elastic energies depend.
+        pub tips(&self, q: &Coordinates<R>) -> [[R; 4]; 2] = {
+            let [right, left] = &self.contacts;
+            [
+                [right.sin_tilt, right.cos_tilt, q.compression[0], q.shear[0]],
+                [left.sin_tilt, left.cos_tilt, q.compression[1], q.shear[1]],
+            ]
+        };
         /// Whether the contacts are the paper's. Either both are, or none.
         pub is_the_papers(&self) -> bool = self.contacts[0].is_the_papers();
         /// theta_p of both tips.

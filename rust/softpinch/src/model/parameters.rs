@@ -333,14 +333,28 @@ impl Parameters {
         pub branches(&self) -> usize = self.laws[0].branches.max(self.laws[1].branches) as usize;
     }
 
-    /// Whether mechanisms, sides and laws of the tips are the paper's, and joints without friction.
+    /// Whether mechanisms and sides are the paper's, joints without friction, and tips without relaxation.
+    #[inline]
+    pub fn has_the_papers_geometry(&self) -> bool {
+        (0..2).all(|i| {
+            let Mechanism { kind, rubs, .. } = self.mechanisms[i];
+            [kind, rubs, self.shapes[i].kind, self.laws[i].branches] == [0.0; 4]
+        })
+    }
+
+    /// Whether the elastic energy of both tips is (5), which relaxation and arcs change, too.
+    #[inline]
+    pub fn has_the_papers_laws(&self) -> bool {
+        (0..2).all(|i| {
+            let Law { kind, branches, .. } = self.laws[i];
+            [kind, branches] == [0.0; 2] && self.shape(i) != ShapeKind::Arc
+        })
+    }
+
+    /// Whether all parts are the paper's.
     #[inline]
     pub fn has_the_papers_parts(&self) -> bool {
-        (0..2).all(|i| {
-            let Law { kind: law, branches, .. } = self.laws[i];
-            let Mechanism { kind, rubs, .. } = self.mechanisms[i];
-            [kind, rubs, self.shapes[i].kind, law, branches] == [0.0; 5]
-        })
+        self.has_the_papers_geometry() && self.has_the_papers_laws()
     }
 
     /// Takes the kinds of other parameters, whose derivatives these are.

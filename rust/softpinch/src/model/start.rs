@@ -75,7 +75,7 @@ pub fn relaxed<R: Real>(source: &impl Source<R>, q: &Coordinates<R>) -> [R; RELA
 /// Coordinates with the fingers at `angles`, the object upright in the middle at the mean height of the tips,
 /// and the compressions that follow from C^H = 0.
 fn upright(parameters: &Parameters, angles: [f64; 2]) -> Coordinates {
-    if !parameters.has_the_papers_parts() {
+    if !parameters.has_the_papers_geometry() {
         return upright_between(parameters, angles, angles);
     }
     let heights = [0, 1].map(|i| {
@@ -153,7 +153,7 @@ impl Start {
                 }
             }
         }
-        let middle = self == Self::Touching && !source.kinds().has_the_papers_parts();
+        let middle = self == Self::Touching && !source.kinds().has_the_papers_geometry();
         let mut q = upright_between(source, finger, if middle { [zero; 2] } else { finger });
         for i in 0..2 {
             // A tip that does not reach the object is not compressed.
@@ -206,7 +206,7 @@ fn require_reach(parameters: &Parameters, q: &Coordinates, driven: bool) -> Resu
 /// The coordinate at which the tip of finger `i` is compressed by `compression` on an upright object in the middle, as far
 /// as the finger reaches.
 pub fn coordinate_at(parameters: &Parameters, i: usize, compression: f64) -> Option<f64> {
-    if parameters.has_the_papers_parts() {
+    if parameters.has_the_papers_geometry() {
         return angle_at(&parameters.fingers[i], &parameters.tips[i], parameters.grasped.width, compression);
     }
     let mut q = upright_between(parameters, [0.0; 2], [0.0; 2]);
@@ -256,7 +256,7 @@ fn span(finger: &Finger, tip: &Fingertip, width: f64) -> (f64, f64) {
 /// Fingers turned until both tips just touch the upright object.
 pub fn touching(parameters: &Parameters) -> Result<Coordinates, Error> {
     let mut angles = [0.0; 2];
-    if !parameters.has_the_papers_parts() {
+    if !parameters.has_the_papers_geometry() {
         for i in 0..2 {
             angles[i] = coordinate_at(parameters, i, 0.0).ok_or(Error::Untouched { finger: SIDES[i] })?;
         }

@@ -50,7 +50,7 @@ pub(crate) use lane_controller::LaneController;
 pub(crate) use lone_steps::RowsInside;
 pub(crate) use monitor::{Limits, Margins, STOP_ON, ViolationSet};
 pub use monitor::{VIOLATIONS, Violation};
-pub use options::{MAX_STEPS, Options, SHARE_OF_SLIPS, Steps};
+pub use options::{MAX_STEPS, Options, Steps};
 pub(crate) use phase::Phase;
 pub(crate) use record::Selection;
 pub use record::{COLUMNS, Column, RECORDABLE, Recordable, Recording, Run, reserved};

@@ -4,7 +4,7 @@ use crate::formulation::{Carried, Choice, Formulation};
 use crate::method::{Method, Runs};
 use crate::model::{ContactModel, Inputs, Scene, Stabilization, fastest_rate};
 use crate::number::{Level, MOST};
-use crate::stepping::{Recordable, Run, STOP_ON, Selection, Summary, Violation, ViolationSet, Wanted};
+use crate::stepping::{Recordable, STOP_ON, Selection, Summary, ViolationSet, Wanted};
 
 /// The length of the steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,30 +74,11 @@ impl Default for Options {
     }
 }
 
-/// Friction makes the stiffness of a slip unsymmetric: near the critical friction its rates exceed the bound. In one of
-/// 2500 random hands they did, by 8 %. Runs with slips are looked at from this share of the stable step on.
-pub const SHARE_OF_SLIPS: f64 = 0.5;
-
 impl Options {
     /// Whether the steps of a run may be beyond the stability limit of its method, by a bound on the rates of the
     /// motion.
     pub fn may_be_unstable(&self, scene: &Scene) -> bool {
         self.step_to_stable_one(scene) > 1.0
-    }
-
-    /// Whether eigenvalues should be looked at after a run, because its steps may have been beyond that limit. Beyond the
-    /// rim of a tip the bound does not hold.
-    pub fn needs_a_look(&self, scene: &Scene, run: &Run) -> bool {
-        let beyond_rim = run.violations().any(|(name, _)| name == Violation::Rim.name());
-        let slips = run.contact_changes.iter().any(|change| change.after.slip().is_some());
-        let from = if beyond_rim {
-            0.0
-        } else if slips {
-            SHARE_OF_SLIPS
-        } else {
-            1.0
-        };
-        self.step_to_stable_one(scene) > from
     }
 
     /// The steps of a run by the longest one that is stable by that bound. It is zero for methods with error control, and

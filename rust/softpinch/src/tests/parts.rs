@@ -11,10 +11,10 @@ use crate::formulation::scene_equations::Choice;
 use crate::formulation::system::{Linear, System};
 use crate::formulation::table::Formulation;
 use crate::formulation::tangent::Runs;
-use crate::model::contact::law::{LawKind, Tip, WEIGHTS};
+use crate::model::contact::law::{self, ElasticGradient, LawKind, Tip, WEIGHTS};
 use crate::model::contact::mechanism::{Mechanism as Base, MechanismKind};
 use crate::model::contact::shape::{Counterface, ShapeKind};
-use crate::model::contact::{Any, Others, Papers, Side};
+use crate::model::contact::{Any, Side};
 use crate::model::contact_modes::{ContactModel, Contacts, Mode};
 use crate::model::control::Fingers;
 use crate::model::coordinates::{Coordinates, each_coordinate};
@@ -28,6 +28,10 @@ use crate::model::parameters::{
 use crate::model::start::consistent;
 use crate::number::lanes::MOST;
 use crate::number::real::signed;
+
+fn gradient(tip: Tip<f64>, at: [f64; 4]) -> ElasticGradient<f64> {
+    law::gradients(&[tip; 2], [at; 2])[0]
+}
 
 /// A hand without any symmetry.
 pub(super) fn uneven() -> Parameters {
@@ -250,17 +254,17 @@ proptest! {
             Counterface::Cylinder => (1.0 + 0.02 / 0.03_f64).sqrt().recip(),
             Counterface::Sphere => (1.0 + 0.02 / 0.03_f64).recip(),
         };
-        let found = plain.gradient::<Papers>([tilt.sin(), tilt.cos(), d_n, d_t]);
+        let found = gradient(plain, [tilt.sin(), tilt.cos(), d_n, d_t]);
         let [size, sixth] = [found.normal.abs() + found.tangential.abs() + 1e-3, 0.02];
         for (other, factor) in [(same, 1.0), (tip(Law::default(), curved, weights), share)] {
-            let other = other.gradient::<Others>([tilt.sin(), tilt.cos(), d_n, d_t]);
+            let other = gradient(other, [tilt.sin(), tilt.cos(), d_n, d_t]);
             prop_assert!((other.tilt - factor * found.tilt).abs() <= 1e-12 * size * sixth);
             prop_assert!((other.normal - factor * found.normal).abs() <= 1e-12 * size);
             prop_assert!((other.tangential - factor * found.tangential).abs() <= 1e-12 * size);
         }
         for tip in [plain, tip(power, Shape::default(), weights), tip(measured, curved, weights)] {
-            let at = |tilt: f64, d_n: f64, d_t: f64| tip.energy::<Any>([tilt.sin(), tilt.cos(), d_n, d_t]);
-            let found = tip.gradient::<Any>([tilt.sin(), tilt.cos(), d_n, d_t]);
+            let at = |tilt: f64, d_n: f64, d_t: f64| law::energies(&[tip; 2], [[tilt.sin(), tilt.cos(), d_n, d_t]; 2])[0];
+            let found = gradient(tip, [tilt.sin(), tilt.cos(), d_n, d_t]);
             let size = at(tilt, d_n, d_t).abs() + found.normal.abs() * d_n.abs() + 1e-9;
             let (e, h) = (1e-5, 1e-4 * d_n.abs().max(1e-5));
             let by_tilt = (at(tilt + e, d_n, d_t) - at(tilt - e, d_n, d_t)) / (2.0 * e);

@@ -1,8 +1,8 @@
 //! Laws of the tip: its elastic energy P as a function of theta_p, d_n and d_t.
 //!
-//! The paper's law (5) is compiled into the equations. All others are springs as (4) has them, with the force F(d) of the
-//! upright tip as a curve (`law/springs.rs`): a new one is a file in `law/` that computes a `springs::Curve`, and an entry of
-//! the table `laws!`.
+//! The paper's law (5) is compiled into the equations. All others are called, and are springs as (4) has them, with the
+//! force F(d) of the upright tip as a curve (`law/springs.rs`): a new one is a file in `law/` that computes a
+//! `springs::Curve`, and an entry of the table `laws!`.
 
 mod inoue_hirai;
 mod measured;
@@ -18,7 +18,7 @@ pub use relaxation::{BRANCHES, RELAXATIONS, Relaxing};
 use springs::Curve;
 pub use springs::Springs;
 
-use crate::model::{Motion, Parameters, Parts, Source, numbered};
+use crate::model::{Motion, Parameters, Source, numbered};
 use crate::number::{LaneTask, Real, task};
 
 /// Declares the kinds of laws; of the others than (5) also the type that has the curve.
@@ -102,11 +102,18 @@ pub struct ElasticGradient<R> {
     pub tangential: R,
 }
 
+impl<R: Real> ElasticGradient<R> {
+    #[inline(always)]
+    fn zero() -> Self {
+        Self { tilt: R::zero(), normal: R::zero(), tangential: R::zero() }
+    }
+}
+
 /// The elastic and viscous constants of one tip.
 #[derive(Debug, Clone, Copy)]
 pub struct Tip<R> {
     law: InoueHirai<R>,
-    /// The law of a scene whose parts are not the paper's.
+    /// The law if that of one of the tips is not the paper's.
     other: Option<Springs<R>>,
     pub normal_viscosity: R,
     pub tangential_viscosity: R,
@@ -116,9 +123,15 @@ task! {
     ['a, R: Real, S: Source<R>] Build<'a, S>(source: &'a S, i: usize) for R => Springs<R> = Springs::new(source, i)
 }
 task! {
-    /// Computes the energy of another law, and its gradient.
+    /// Computes the energies of other laws, and their gradients.
     ['a, R: Real]
-    Elastic<'a, R>(law: &'a Springs<R>, at: [R; 4]) for R => (R, ElasticGradient<R>) = law.elastic(at)
+    Elastic<'a, R>(laws: [&'a Springs<R>; 2], at: [[R; 4]; 2]) for R => [(R, ElasticGradient<R>); 2] = {
+        let mut found = [(R::zero(), ElasticGradient::zero()); 2];
+        for i in 0..2 {
+            found[i] = laws[i].elastic(at[i]);
+        }
+        found
+    }
 }
 
 task! {
@@ -130,9 +143,8 @@ task! {
 impl<R: Real> Tip<R> {
     #[inline(always)]
     pub fn new(source: &impl Source<R>, i: usize) -> Self {
-        let kinds = source.kinds();
         let mut other = None;
-        if R::ANY_PARTS && !kinds.has_the_papers_parts() {
+        if R::ANY_PARTS && !source.kinds().has_the_papers_laws() {
             other = Some(R::outlined(Build { source, i }));
         }
         Self {
@@ -143,28 +155,11 @@ impl<R: Real> Tip<R> {
         }
     }
 
-    /// The elastic energy, J, for sin theta_p, cos theta_p, d_n and d_t.
-    #[inline(always)]
-    pub fn energy<P: Parts>(&self, at: [R; 4]) -> R {
-        match P::numbers::<R, _>(&self.other) {
-            Some(law) => R::outlined(Elastic { law, at }).0,
-            _ => self.law.energy(at[0], at[1], at[2], at[3]),
-        }
-    }
-
-    /// The gradient of [`Tip::energy`] in theta_p, d_n and d_t.
-    #[inline(always)]
-    pub fn gradient<P: Parts>(&self, at: [R; 4]) -> ElasticGradient<R> {
-        match P::numbers::<R, _>(&self.other) {
-            Some(law) => R::outlined(Elastic { law, at }).1,
-            _ => self.law.gradient(at[0], at[1], at[2], at[3]),
-        }
-    }
     /// The effect of the branches of this tip, which is that of finger `i`. Only other laws than the paper's have them.
     #[inline(always)]
-    pub(crate) fn relaxing<P: Parts>(&self, i: usize, motion: &Motion<R>, ledger: bool) -> Relaxing<R> {
+    pub(crate) fn relaxing(&self, i: usize, motion: &Motion<R>, ledger: bool) -> Relaxing<R> {
         let Motion { q, relaxation: states, .. } = motion;
-        match P::numbers::<R, _>(&self.other) {
+        match &self.other {
             Some(law) => {
                 let at = [q.compression[i], q.shear[i]];
                 R::outlined(Relax { law, i, at, states, ledger })
@@ -172,4 +167,30 @@ impl<R: Real> Tip<R> {
             None => Relaxing::nothing(),
         }
     }
+}
+
+/// The other laws of both tips. The paper's equations call them, too.
+#[inline(always)]
+fn others<R: Real>([right, left]: &[Tip<R>; 2]) -> Option<[&Springs<R>; 2]> {
+    if const { R::ANY_PARTS } { Some([right.other.as_ref()?, left.other.as_ref()?]) } else { None }
+}
+
+/// The elastic energies of both tips, J, for their sin theta_p, cos theta_p, d_n and d_t.
+#[inline(always)]
+pub fn energies<R: Real>(tips: &[Tip<R>; 2], at: [[R; 4]; 2]) -> [R; 2] {
+    if let Some(laws) = others(tips) {
+        let [right, left] = R::outlined(Elastic { laws, at });
+        return [right.0, left.0];
+    }
+    [tips[0].law.energy(at[0]), tips[1].law.energy(at[1])]
+}
+
+/// The gradients of [`energies`] in theta_p, d_n and d_t.
+#[inline(always)]
+pub fn gradients<R: Real>(tips: &[Tip<R>; 2], at: [[R; 4]; 2]) -> [ElasticGradient<R>; 2] {
+    if let Some(laws) = others(tips) {
+        let [right, left] = R::outlined(Elastic { laws, at });
+        return [right.1, left.1];
+    }
+    [tips[0].law.gradient(at[0]), tips[1].law.gradient(at[1])]
 }

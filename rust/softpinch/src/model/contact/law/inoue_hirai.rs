@@ -23,7 +23,7 @@ impl<R: Real> InoueHirai<R> {
 
     /// The term of one tip in (5): pi E { d_n^3 / (3 cos^2) + kappa d_n^2 d_t tan + d_n d_t^2 }.
     #[inline(always)]
-    pub(super) fn energy(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> R {
+    pub(super) fn energy(&self, [sin_tilt, cos_tilt, d_n, d_t]: [R; 4]) -> R {
         let secant = R::constant(1.0) / cos_tilt;
         let tangent = sin_tilt * secant;
         let compression = d_n * secant;
@@ -34,7 +34,7 @@ impl<R: Real> InoueHirai<R> {
 
     /// The gradient of the energy in theta_p, d_n and d_t.
     #[inline(always)]
-    pub(super) fn gradient(&self, sin_tilt: R, cos_tilt: R, d_n: R, d_t: R) -> ElasticGradient<R> {
+    pub(super) fn gradient(&self, [sin_tilt, cos_tilt, d_n, d_t]: [R; 4]) -> ElasticGradient<R> {
         let secant = R::constant(1.0) / cos_tilt;
         let tangent = sin_tilt * secant;
         // pi d_n^2 / cos^2 is the area that (3) integrates over. `area` is this area times E.

@@ -13,6 +13,8 @@ pub const WEIGHTS: usize = 10;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measured<R> {
     range: R,
+    /// One over the range.
+    inverse: R,
     /// Of F'', F', F and Phi, the coefficients of x^(k+n) (1 - x)^(9-k), in which n says which integral of F'' it is.
     coefficients: [[R; WEIGHTS]; 4],
 }
@@ -44,7 +46,7 @@ impl<R: Real> Measured<R> {
                 binomial *= (degree - place as f64) / (place as f64 + 1.0);
             }
         }
-        Self { range, coefficients }
+        Self { range, inverse: R::constant(1.0) / range, coefficients }
     }
 
     /// The curve at a compression that is not negative.
@@ -52,7 +54,7 @@ impl<R: Real> Measured<R> {
     pub(super) fn curve(&self, d: R) -> Curve<R> {
         let one = R::constant(1.0);
         let beyond = (d - self.range).positive_part();
-        let x = (d - beyond) / self.range;
+        let x = (d - beyond) * self.inverse;
         let (y, mut powers, mut terms) = (one - x, [one; 2], [one; WEIGHTS]);
         for k in 0..WEIGHTS {
             terms[k] = terms[k] * powers[0];
@@ -60,19 +62,24 @@ impl<R: Real> Measured<R> {
             powers = [powers[0] * x, powers[1] * y];
         }
         let mut sums = [R::zero(); 4];
-        for k in 0..WEIGHTS {
-            for n in 0..4 {
-                sums[n] = terms[k].mul_add(self.coefficients[n][k], sums[n]);
+        // The middle terms are ready first.
+        for k in (0..WEIGHTS / 2).rev() {
+            for place in [k, WEIGHTS - 1 - k] {
+                for n in 0..4 {
+                    sums[n] = terms[place].mul_add(self.coefficients[n][place], sums[n]);
+                }
             }
         }
         let [bend, slope, force, integral] =
             [sums[0], x * sums[1], (x * x) * sums[2], (x * x) * (x * sums[3])];
-        let half = R::constant(0.5) * beyond;
-        Curve {
-            integral: integral + beyond * (force + half * (slope + bend * beyond * R::constant(1.0 / 3.0))),
-            force: force + beyond * (slope + bend * half),
-            slope: slope + bend * beyond,
-            bend,
+        let mut found = Curve { integral, force, slope, bend };
+        if R::zero().less(beyond) != 0 {
+            let half = R::constant(0.5) * beyond;
+            let third = R::constant(1.0 / 3.0);
+            found.integral = integral + beyond * (force + half * (slope + bend * beyond * third));
+            found.force = force + beyond * (slope + bend * half);
+            found.slope = slope + bend * beyond;
         }
+        found
     }
 }

@@ -11,6 +11,8 @@ use crate::number::Real;
 pub(super) struct Power<R> {
     coefficient: R,
     exponent: R,
+    /// One over n + 1.
+    inverse: R,
     foot: R,
     /// The foot to the powers n - 1 and n.
     foot_powers: [R; 2],
@@ -22,18 +24,20 @@ impl<R: Real> Power<R> {
         let [exponent, foot] = [source.number(|p| p.laws[i].exponent), source.number(|p| p.laws[i].foot)];
         let (_, slope, force) = powers(foot, exponent);
         let coefficient = source.number(|p| p.laws[i].coefficient);
-        Self { coefficient, exponent, foot, foot_powers: [slope, force] }
+        let inverse = R::constant(1.0) / (exponent + R::constant(1.0));
+        Self { coefficient, exponent, inverse, foot, foot_powers: [slope, force] }
     }
 
     /// The curve at a compression that is not negative.
     #[inline(always)]
     pub(super) fn curve(&self, d: R) -> Curve<R> {
-        let Self { coefficient: c, exponent: n, foot, foot_powers: [foot_slope, foot_force] } = *self;
+        let Self { coefficient: c, exponent: n, inverse, foot, foot_powers: [foot_slope, foot_force] } =
+            *self;
         let one = R::constant(1.0);
         let y = d + foot;
         let (bend, slope, force) = powers(y, n);
         let rise = n * foot_slope;
-        let integral = (force * y - foot_force * foot) / (n + one);
+        let integral = (force * y - foot_force * foot) * inverse;
         Curve {
             integral: c * (integral - d * (foot_force + R::constant(0.5) * rise * d)),
             force: c * (force - foot_force - rise * d),

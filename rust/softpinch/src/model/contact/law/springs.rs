@@ -82,17 +82,16 @@ impl<R: Real> Springs<R> {
         if let Force::ParallelSprings(c) = self.force {
             return Curve::square(c, d);
         }
-        let (third, compressed) = (R::constant(1.0 / 3.0), d.positive_part());
-        let inside = self.force.curve(compressed);
-        let open = d - compressed;
-        let slope = inside.bend * open;
-        let force = R::constant(0.5) * slope * open;
-        Curve {
-            integral: inside.integral + force * open * third,
-            force: inside.force + force,
-            slope: inside.slope + slope,
-            bend: inside.bend,
+        let compressed = d.positive_part();
+        let mut found = self.force.curve(compressed);
+        if d.less(compressed) != 0 {
+            let open = d - compressed;
+            let slope = found.bend * open;
+            let force = R::constant(0.5) * slope * open;
+            found.integral = found.integral + force * open * R::constant(1.0 / 3.0);
+            (found.force, found.slope) = (found.force + force, found.slope + slope);
         }
+        found
     }
 
     /// The elastic energy P and its gradient in theta_p, d_n and d_t, for sin theta_p, cos theta_p, d_n and d_t.
@@ -101,7 +100,7 @@ impl<R: Real> Springs<R> {
         let secant = R::constant(1.0) / cos_tilt;
         let tangent = sin_tilt * secant;
         let square = secant * secant;
-        let Curve { integral, force, slope, bend } = self.curve_called(d_n);
+        let Curve { integral, force, slope, bend } = self.curve(d_n);
         let half = (R::constant(0.5) * self.shear_factor) * d_t;
         let lean = self.coupling * tangent;
         let energy = integral.dot2(square, d_t, force.dot2(lean, slope, half));
