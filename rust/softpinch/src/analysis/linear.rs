@@ -2,7 +2,7 @@
 //! inputs, obeys x' = A x + B u, and the outputs change by y = C x + D u. The derivatives are those of dual
 //! numbers, exact to round-off. The eigenvalues of A say how fast the motion is and which steps it allows.
 
-use nalgebra::{DMatrix, DVector, Schur};
+use nalgebra::{ComplexField, DMatrix, DVector, Schur};
 
 use crate::error::{Error, Result};
 use crate::formulation::{
@@ -273,7 +273,7 @@ pub fn growth(parameters: &Parameters, inputs: &Inputs, motion: &Motion<f64>) ->
         return None;
     }
     let rates = Schur::try_new(matrix, f64::EPSILON, MOST_ITERATIONS)?.complex_eigenvalues();
-    let largest = rates.iter().map(|rate| rate.norm()).fold(0.0, f64::max);
+    let largest = rates.iter().map(|rate| rate.modulus()).fold(0.0, f64::max);
     Some((rates.iter().map(|rate| rate.re).fold(f64::NEG_INFINITY, f64::max), largest))
 }
 
