@@ -28,9 +28,9 @@ from .request import Request
 # A growth rate below this share of |eigenvalue| counts as zero: without damping, round-off decides
 # on which side of the imaginary axis an eigenvalue lies.
 _SWINGS = 0.01
-# Friction makes the stiffness of a slip unsymmetric: near the critical friction its rates exceed the
-# bound. In one of 2500 random hands they did, by 8 %. Runs with slips are looked at from this share
-# of the step on that is stable by the bound.
+# Friction makes the stiffness of a slip unsymmetric: near the critical friction its rates exceed
+# the bound. In one of 2500 random hands they did, by 8 %. Runs with slips are looked at from this
+# share of the step on that is stable by the bound.
 _SHARE_OF_SLIPS = 0.5
 # Eigenvalue problems per call of NumPy: some tens of milliseconds.
 _MATRICES_PER_CALL = 256
@@ -127,8 +127,9 @@ def is_explicit(method: str) -> bool:
 def needs_a_look(ratio: float, scene: Scene, first: Mapping[str, float]) -> bool:
     """True if the steps of a completed run may have been too long, so that `too_long` should say.
 
-    `ratio` is the step of the run by the one that is stable by a bound on the rates, and `first` has
-    the times of the violations that were seen, s. Beyond the rim of a tip the bound does not hold.
+    `ratio` is the step of the run by the one that is stable by a bound on the rates, and `first`
+    has the times of the violations that were seen, s. Beyond the rim of a tip the bound does not
+    hold.
     """
     slips = scene.contact == "unilateral" and "slipping" in first
     return ratio > (0.0 if "rim" in first else _SHARE_OF_SLIPS if slips else 1.0)

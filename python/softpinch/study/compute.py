@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _core
 from ..analysis.rest import equilibrium
 from ..run.request import Request
 from ..run.stiffness import GROWN, is_explicit, needs_a_look, too_long
