@@ -1,6 +1,6 @@
 //! The table of the methods, the entry with which each states its properties, and the methods that can be made for lanes.
 
-use nalgebra::Complex;
+use nalgebra::{Complex, ComplexField};
 
 use crate::formulation::{Runs, SceneEquations, System, Tangent};
 use crate::method::{AnyAdaptiveMethod, AnyMethod, Called, Dop853, Rosenbrock};
@@ -83,7 +83,7 @@ impl Method {
     /// leaves the region |R| <= 1. The step is infinite for a method that is stable in the whole left half-plane. It is
     /// infinite for an eigenvalue in the right half-plane too, because a mode that grows by itself limits no step.
     pub fn longest_stable_step(self, rate: Complex<f64>) -> f64 {
-        let size = rate.norm();
+        let size = rate.modulus();
         if self.entry().real_stability_limit.is_none() || size == 0.0 || rate.re > 0.0 {
             return f64::INFINITY;
         }

@@ -1,6 +1,6 @@
 //! Tests of each method alone, on equations with known solutions.
 
-use nalgebra::Complex;
+use nalgebra::{Complex, ComplexField};
 
 use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
 use crate::formulation::system::{Jacobian, Linear, Size, StageState, System};
@@ -219,7 +219,7 @@ fn radau5_and_rosenbrock_are_l_stable_and_the_midpoint_rule_is_not() {
     for method in [Method::Radau5, Method::Rosenbrock, Method::ImplicitMidpoint] {
         for k in -60..60 {
             let z = Complex::new(0.0, 10f64.powf(f64::from(k) / 10.0));
-            assert!((method.entry().stability_function)(z).norm() <= 1.0 + 1e-14, "{method:?} {z}");
+            assert!((method.entry().stability_function)(z).modulus() <= 1.0 + 1e-14, "{method:?} {z}");
         }
     }
 }
@@ -230,7 +230,7 @@ fn the_real_stability_limits_are_sharp() {
     for (_, method) in METHODS {
         let Some(limit) = method.entry().real_stability_limit else { continue };
         let growth =
-            |share: f64| (method.entry().stability_function)(Complex::new(-share * limit, 0.0)).norm();
+            |share: f64| (method.entry().stability_function)(Complex::new(-share * limit, 0.0)).modulus();
         assert!(growth(0.9999) < 1.0, "{method:?}");
         assert!(growth(1.0001) > 1.0, "{method:?}");
     }
@@ -241,18 +241,17 @@ fn the_real_stability_limits_are_sharp() {
 fn the_longest_stable_step_ends_where_a_mode_begins_to_grow() {
     for (_, method) in METHODS {
         for k in 0..=20 {
-            let rate = Complex::from_polar(3e4, std::f64::consts::PI * (0.5 + 0.5 * f64::from(k) / 20.0));
-            let rate = Complex::new(rate.re.min(0.0), rate.im);
+            let angle = std::f64::consts::PI * (0.5 + 0.5 * f64::from(k) / 20.0);
+            let rate = Complex::new((3e4 * libm::cos(angle)).min(0.0), 3e4 * libm::sin(angle));
             let h = method.longest_stable_step(rate);
             assert_eq!(h.is_infinite(), method.entry().real_stability_limit.is_none(), "{method:?}");
             if h.is_finite() {
+                assert!((1..100).all(|k| {
+                    (method.entry().stability_function)(rate * (h * f64::from(k) / 100.0)).modulus()
+                        <= 1.0 + 1e-9
+                }));
                 assert!(
-                    (1..100).all(|k| (method.entry().stability_function)(rate * (h * f64::from(k) / 100.0))
-                        .norm()
-                        <= 1.0 + 1e-9)
-                );
-                assert!(
-                    (method.entry().stability_function)(rate * (1.001 * h)).norm() > 1.0,
+                    (method.entry().stability_function)(rate * (1.001 * h)).modulus() > 1.0,
                     "{method:?} {rate}"
                 );
             }
