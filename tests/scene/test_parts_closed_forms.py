@@ -19,6 +19,9 @@ from softpinch.scene.outline import (
     object_outline,
 )
 
+CURVE = np.linspace(1e-3, 0.012, 12)
+MEASURED = sp.MeasuredLaw(CURVE, np.pi * 3e5 * CURVE**2)
+
 
 @pytest.mark.parametrize("finger", [sp.Finger(), sp.Jaw(), sp.Parallelogram()])
 def test_an_arc_of_a_thousand_kilometres_is_a_face(finger: Any) -> None:
@@ -92,6 +95,20 @@ def test_a_law_that_samples_the_springs_moves_as_they_do() -> None:
         scene = replace(springs, hand=sp.Hand(tip=sp.Fingertip(law=other)))
         assert np.abs(sp.simulate(scene, formulation="projected").q - exact).max() < 1e-9
     assert sp.Fingertip(law=sp.ParallelSprings(2e5)) == sp.Fingertip(youngs_modulus=2e5)
+
+
+@pytest.mark.parametrize(
+    "law", [sp.PowerLaw(164033.0, 1.67, 1e-4), MEASURED], ids=["power", "measured"]
+)
+def test_a_sheared_tip_that_just_touches_is_as_stiff_as_one_that_presses(law: Any) -> None:
+    """Its compression rounds to zero at the first angle; F''' of a power law jumps there."""
+    scene = sp.Scene(hand=sp.Hand(tip=sp.Fingertip(law=law)), initial="touching", duration=0.01)
+    found = []
+    for angle in (1e-17, -1e-12, 1e-12):
+        q = np.array([0.0, 0.0762, 0.0, angle, angle, 0.0, 0.0, 2e-3, 1e-3])
+        found.append(sp.linearize(scene, sp.State(q=q, p=np.zeros(9))).A)
+    off = min(np.abs(found[0] - beside).max() for beside in found[1:])
+    assert off < 1e-6 * np.abs(found[0]).max()
 
 
 def test_arcs_soften_the_tips_unless_they_are_told_not_to() -> None:

@@ -84,7 +84,8 @@ impl<R: Real> Springs<R> {
         }
         let compressed = d.positive_part();
         let mut found = self.force.curve(compressed);
-        if d.less(compressed) != 0 {
+        // At zero, too, where a number with derivatives has them from here alone.
+        if R::zero().less(d) != R::zero().less(R::constant(1.0)) {
             let open = d - compressed;
             let slope = found.bend * open;
             let force = R::constant(0.5) * slope * open;
