@@ -6,7 +6,7 @@ a `SampledController` if they failed.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
@@ -124,15 +124,16 @@ def is_explicit(method: str) -> bool:
     return bool(np.isfinite(_core.stable_step(method, np.array([-1.0 + 0.0j]))[0]))
 
 
-def needs_a_look(ratio: float, scene: Scene, first: Mapping[str, float]) -> bool:
+def needs_a_look(ratio: float, scene: Scene, seen: Container[str]) -> bool:
     """True if the steps of a completed run may have been too long, so that `too_long` should say.
 
-    `ratio` is the step of the run by the one that is stable by a bound on the rates, and `first`
-    has the times of the violations that were seen, s. Beyond the rim of a tip the bound does not
-    hold.
+    `ratio` is the step of the run by the one that is stable by a bound on the rates, and `seen`
+    has the names of violations. Beyond the rim of a tip the bound does not hold.
     """
-    slips = scene.contact == "unilateral" and "slipping" in first
-    return ratio > (0.0 if "rim" in first else _SHARE_OF_SLIPS if slips else 1.0)
+    if "rim" in seen:
+        return ratio > 0.0
+    slips = scene.contact == "unilateral" and "slipping" in seen
+    return ratio > (_SHARE_OF_SLIPS if slips else 1.0)
 
 
 def too_long(request: Request, status: str, end: float) -> str | None:

@@ -178,10 +178,9 @@ class Computation:
         if not results.has(run):
             return False
         row = results._rows_of(np.array([run], np.uint64)).columns
-        seen = {name: float(row[f"first_{name}"][0]) for name in ("rim", "slipping")}
-        first = {name: time for name, time in seen.items() if np.isfinite(time)}
+        seen = {name for name in ("rim", "slipping") if np.isfinite(row[f"first_{name}"][0])}
         completed = row["status"][0] == "completed"
-        return bool(completed and needs_a_look(ratio, self.spec.scene, first))
+        return bool(completed and needs_a_look(ratio, self.spec.scene, seen))
 
     def _warn_of_loop(self, results: Results) -> None:
         """Says that the loop of the scene's sampled controller is unstable, if runs do not rest."""

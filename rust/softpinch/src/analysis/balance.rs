@@ -218,7 +218,7 @@ impl RestScene {
 
     /// The energies of a state at rest.
     pub fn energies(&self, balance: &Balance<f64>) -> Energies {
-        self.plant.energies::<Any>(self.plant.tips::<Any>(&balance.q), &balance.q, &Coordinates::zero())
+        self.plant.energies::<Any>(self.plant.tips_at::<Any>(&balance.q), &balance.q, &Coordinates::zero())
     }
 
     /// The stiffness that a finger's law has, N m/rad.

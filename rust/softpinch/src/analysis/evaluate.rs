@@ -77,7 +77,7 @@ pub fn evaluate(
         mass_matrix,
         constraint_matrix,
         vectors,
-        energies: plant.energies::<Any>(plant.tips::<Any>(q), q, p),
+        energies: plant.energies::<Any>(plant.tips_at::<Any>(q), q, p),
     })
 }
 

@@ -11,7 +11,7 @@ use crate::stepping::{AdaptiveSteps, EqualSteps, LoopSystem, Options, RunLoop, S
 impl RunLoop<'_> {
     /// Computes the runs in lanes, if the steps of the method have lanes.
     pub fn in_lanes(self) -> Result {
-        // Jacobians in vectors of eight lanes have code for the paper's parts only.
+        // Jacobians in vectors of eight lanes have code for the paper's parts only, laws among them.
         let papers = self.scene.parameters.has_the_papers_parts();
         let Options { simd, method, .. } = *self.options;
         if papers || method != Method::Rosenbrock {

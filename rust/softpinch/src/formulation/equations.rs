@@ -395,7 +395,7 @@ task! {
     EnergiesOf<'a, R, E>(equations: &'a E, contacts: &'a Contacts<R>, motion: &'a Motion<R>)
     for R => Energies<R> = {
         let (plant, Motion { q, p, .. }) = (equations.plant(), motion);
-        let mut tips = plant.tips::<E::Parts>(q);
+        let mut tips = plant.tips_at::<E::Parts>(q);
         if equations.friction().is_some() && contacts.free[0] | contacts.free[1] != 0 {
             freeze(contacts, &mut tips);
         }

@@ -81,7 +81,7 @@ impl Parts for Papers {
     const PAPERS: bool = true;
 }
 
-/// Contacts of which not all parts are the paper's.
+/// Contacts whose mechanisms and sides are computed by one function, whatever they are.
 #[derive(Debug, Clone, Copy)]
 pub struct Others;
 
@@ -101,7 +101,7 @@ pub struct Side<R> {
     face: ParallelFace<R>,
     /// The radius a of the tip.
     pub(crate) radius: R,
-    /// The parts, if one of the scene is not the paper's.
+    /// The mechanism and the side, if the scene has not the paper's equations.
     others: Option<(Mechanism<R>, Surface<R>)>,
 }
 

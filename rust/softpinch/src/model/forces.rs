@@ -231,7 +231,7 @@ impl<R: Real> Plant<R> {
 
     /// [`Geometry::tips`] at coordinates.
     #[inline(always)]
-    pub fn tips<P: Parts>(&self, q: &Coordinates<R>) -> [[R; 4]; 2] {
+    pub fn tips_at<P: Parts>(&self, q: &Coordinates<R>) -> [[R; 4]; 2] {
         let mut tips = [[R::zero(); 4]; 2];
         for i in 0..2 {
             let (_, sin_tilt, cos_tilt) = self.sides[i].tilt::<P>(i, q);

@@ -155,7 +155,7 @@ impl<R: Real> Tip<R> {
         }
     }
 
-    /// The effect of the branches of this tip, which is that of finger `i`. Only other laws than the paper's have them.
+    /// The effect of the branches of this tip, which is that of finger `i`. A law with branches counts as another than (5).
     #[inline(always)]
     pub(crate) fn relaxing(&self, i: usize, motion: &Motion<R>, ledger: bool) -> Relaxing<R> {
         let Motion { q, relaxation: states, .. } = motion;

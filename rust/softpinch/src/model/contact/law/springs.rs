@@ -84,7 +84,7 @@ impl<R: Real> Springs<R> {
         }
         let compressed = d.positive_part();
         let mut found = self.force.curve(compressed);
-        // At zero, too, where a number with derivatives has them from here alone.
+        // Unless all lanes are compressed: at zero a number with derivatives has them from here alone.
         if R::zero().less(d) != R::zero().less(R::constant(1.0)) {
             let open = d - compressed;
             let slope = found.bend * open;
