@@ -204,8 +204,9 @@ fn simd_level() -> PyResult<&'static str> {
     Level::from_environment().map(Level::name).map_err(raise)
 }
 
+/// What Python imports as `softpinch._core`.
 #[pymodule]
-mod _core {
+pub mod _core {
     #[pymodule_export]
     use super::{
         Batch, Directions, Inputs, RestScene, Simulation, Simulator, consistent, contacts, evaluate,

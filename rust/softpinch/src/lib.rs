@@ -22,8 +22,10 @@
 //! `csm_by_nalgebra` writes (24) out with nalgebra's matrices, as a specification of what the kernels compute, and
 //! prints the time of a step of both. nalgebra is used wherever a matrix is a matrix ([`analysis`]); the kernels have small
 //! solves of their own (`number::linear`), because these give the same bits in one lane, in eight and in dual numbers, scale
-//! exactly by powers of two, and use the structure of M and Phi, most of whose entries are zero. Bad input is an [`error::Error`]; a run that goes wrong is a result with a status. The crate has no Python in it and
-//! no features to choose.
+//! exactly by powers of two, and use the structure of M and Phi, most of whose entries are zero.
+//!
+//! Bad input is an [`error::Error`]; a run that goes wrong is a result with a status. The crate has no Python in it and no features to
+//! choose.
 //!
 //! The modules are listed from the ground up: a top-level module uses only those above it in this list.
 //! Each lists, in its first file, the names that other modules use.

@@ -9,7 +9,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use crate::driver::threads::share_watched;
 use crate::driver::{Derivatives, require_valid};
 use crate::error::{Error, Result};
-use crate::model::{Fingers, Motion, Scene};
+use crate::formulation::Choice;
+use crate::model::{Motion, Parameters, Scene};
 use crate::stepping::{
     COUNT, Finished, Grid, Options, Recorder, Run, RunLoop, RunQueue, Status, Steps, Taken, VIOLATIONS,
     reserved,
@@ -58,7 +59,8 @@ pub(crate) struct Shared<'a> {
     scenes: &'a Scenes<'a>,
     pub(crate) options: &'a Options,
     runs: usize,
-    fingers: OnceLock<Fingers>,
+    /// What all runs have in common: the choice of equations, and parameters with the kinds of the parts.
+    alike: OnceLock<(Choice, Parameters)>,
     /// Numbers of the next run, and of the finished runs.
     next: AtomicUsize,
     done: AtomicUsize,
@@ -68,7 +70,7 @@ pub(crate) struct Shared<'a> {
 impl<'a> Shared<'a> {
     pub(crate) fn new(scenes: &'a Scenes<'a>, runs: usize, options: &'a Options) -> Self {
         let (next, done, stop) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
-        Self { scenes, options, runs, fingers: OnceLock::new(), next, done, stop }
+        Self { scenes, options, runs, alike: OnceLock::new(), next, done, stop }
     }
 
     /// Takes the next run, unless there is none or the caller wants to stop.
@@ -84,13 +86,14 @@ impl<'a> Shared<'a> {
         if !self.options.checked {
             require_valid(&scene, self.options).map_err(|error| error.of_run(run))?;
         }
-        // All lanes of a loop have the same equations, so all runs must have the same kind of fingers.
-        let fingers = scene.inputs.fingers;
-        if *self.fingers.get_or_init(|| fingers) == fingers {
+        // All lanes of a loop have the same equations.
+        let own @ (choice, parameters) = (self.options.choice(&scene.inputs), scene.parameters);
+        let (other, kinds) = self.alike.get_or_init(|| own);
+        if choice == *other && parameters == parameters.of_the_kinds(kinds) {
             return Ok(Some((run, scene)));
         }
-        let (field, found) = (format_args!("run {run}"), format_args!("fingers = {:?}", fingers.name()));
-        Err(Error::shape(field, found, "must be the same in all runs"))
+        let rule = "fingers, a motion of the hand and the kinds of parts must be the same in all runs";
+        Err(Error::shape(format_args!("run {run}"), "another kind of scene", rule))
     }
 
     fn stops(&self) -> bool {
@@ -111,7 +114,7 @@ pub fn ensemble(
     let shared = &Shared::new(scenes, runs, options);
     let mut rows = reserved("the rows of an ensemble, in numbers,", runs)?;
     let mut watch = || watch(shared.done.load(Ordering::Relaxed));
-    let found = share_watched(threads.min(runs.max(1)), &shared.stop, || work(shared), &mut watch)?;
+    let found = share_watched(threads.clamp(1, runs.max(1)), &shared.stop, || work(shared), &mut watch)?;
     rows.extend(found.into_iter().flatten());
     rows.sort_unstable_by_key(|row| row.run);
     Ok(rows)

@@ -27,7 +27,8 @@ task! {
         }
         let (applied, geometry) = ((input, moving.as_ref()), Geometry::of(&plant.sides, q, p));
         let Solved { forces, response, .. } = at.solved(plant.driven, applied, contacts, motion, &geometry);
-        Terms { geometry, forces, response }
+        let swept = geometry.phi_times(&response.acceleration);
+        Terms { geometry, forces, response, swept }
     }
 }
 task! {
@@ -41,11 +42,6 @@ task! {
     Jump<'a>(equations: ContactEquations<'a>, jump: ContactJump, motion: &'a mut Motion<f64>)
     for f64 => () = jump.apply(&equations, motion, &[0.0; 3])
 }
-task! {
-    /// Computes the part of the constraints' accelerations that the coordinates' accelerations make.
-    ['a]
-    Swept<'a>(terms: &'a Terms<f64>) for f64 => [f64; 4] = terms.geometry.phi_times(&terms.response.acceleration)
-}
 
 impl Equations<f64> for ContactEquations<'_> {
     type Parts = Any;
@@ -55,6 +51,13 @@ impl Equations<f64> for ContactEquations<'_> {
         friction(&self) -> Option<[f64; 2]> = Some(self.equations.friction);
         bias(&self, geometry: &Geometry<f64>) -> [f64; 4] = self.equations.csm.gamma(geometry);
         plant(&self) -> &Plant<f64> = self.equations.plant();
+    }
+}
+
+impl Terms<f64> {
+    /// The acceleration with which the gap of contact i closes, m/s^2.
+    pub fn falls(&self, i: usize) -> f64 {
+        -(self.swept[i] + self.geometry.bias()[i])
     }
 }
 
@@ -83,16 +86,6 @@ impl<'a> ContactEquations<'a> {
     /// Lets a part of an event other than an impact happen to a motion.
     pub fn jump(&self, jump: ContactJump, motion: &mut Motion<f64>) {
         f64::outlined(Jump { equations: *self, jump, motion });
-    }
-
-    /// The rates of the constraints' velocities that the accelerations make: Phi times the accelerations.
-    pub fn swept(&self, terms: &Terms<f64>) -> [f64; 4] {
-        f64::outlined(Swept { terms })
-    }
-
-    /// The acceleration with which the gap of contact i closes, m/s^2.
-    pub fn falls(&self, terms: &Terms<f64>, i: usize) -> f64 {
-        -(self.swept(terms)[i] + terms.geometry.bias()[i])
     }
 
     /// theta_p of both tips.

@@ -115,6 +115,8 @@ pub struct Terms<R, P = Any> {
     pub geometry: Geometry<R, P>,
     pub forces: Forces<R>,
     pub response: Response<R>,
+    /// The rates of the constraints' velocities that the accelerations make: Phi times these.
+    pub swept: [R; 4],
 }
 
 /// Evaluates an expression in which the kind of fingers is known at compile time. Loops over the states need it: with
@@ -133,8 +135,8 @@ macro_rules! for_fingers {
 pub(crate) use for_fingers;
 
 /// The equations of a formulation, in numbers of any type. `driven` says whether the fingers follow the schedule, as
-/// [`Plant::driven`] does; `ledger` says whether the state carries the works of the ledger. Bilateral contact ignores
-/// the modes in `contacts`.
+/// [`Plant::driven`] does; `carried` says what else the state carries, such as the works of the ledger. Bilateral contact
+/// ignores the modes in `contacts`.
 ///
 /// A formulation says what its states are and what bias its accelerations have. The rest is common to all.
 pub trait Equations<R: Real>: Copy + Debug {

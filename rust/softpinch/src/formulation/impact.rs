@@ -45,7 +45,7 @@ pub fn impact(
     let load = Load { force, couple: [0.0; 2], friction, bias: before, finger_acceleration: [0.0; 2] };
     let choices = |i: usize| if closed[i] { &CHOICES[..] } else { &CHOICES[3..] };
     let mut best: Option<(f64, _, Response<f64>, [f64; 4])> = None;
-    for &right in choices(0) {
+    'found: for &right in choices(0) {
         for &left in choices(1) {
             let modes = [right, left];
             let mut contacts = Contacts::sticking();
@@ -53,15 +53,14 @@ pub fn impact(
             let found = response(plant.driven, geometry, plant, &contacts, &load);
             let change = geometry.phi_times(&found.acceleration);
             let after: [f64; 4] = std::array::from_fn(|k| before[k] + change[k]);
-            let off = (0..2)
-                .filter(|&i| closed[i])
-                .fold(0.0, |off, i| f64::max(off, violation(i, modes[i], friction[i], &found, &after)));
+            let of = |i: usize| violation(i, modes[i], friction[i], &found, &after);
+            let off: f64 = (0..2).filter(|&i| closed[i]).map(of).sum();
             // NaN is never better.
-            if best.as_ref().is_none_or(|(least, ..)| off < *least) {
+            if off < best.as_ref().map_or(f64::INFINITY, |(least, ..)| *least) {
                 best = Some((off, modes, found, after));
             }
             if off == 0.0 {
-                break;
+                break 'found;
             }
         }
     }

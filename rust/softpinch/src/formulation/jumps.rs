@@ -30,39 +30,39 @@ impl ContactJump {
     ) {
         let Some(friction) = equations.friction() else { return };
         let (plant, zero) = (equations.plant(), R::zero());
-        // A contact depends on the deformations of its own tip only. Its velocity depends on the compression.
-        for pass in 0..2 {
-            let geometry = Geometry::<R, E::Parts>::of(&plant.sides, q, p);
-            let (gaps, velocity) = (geometry.residuals(), geometry.constraint_velocity());
-            match *self {
-                Self::Meet(i) if pass == 0 => q.compression[i] = q.compression[i] - gaps[i],
-                Self::Relax(i) => {
-                    (q.compression[i], q.shear[i], p.compression[i], p.shear[i]) = (zero, zero, zero, zero);
+        let geometry = Geometry::<R, E::Parts>::of(&plant.sides, q, p);
+        let (gaps, velocity) = (geometry.residuals(), geometry.constraint_velocity());
+        match *self {
+            Self::Meet(i) => q.compression[i] = q.compression[i] - gaps[i],
+            Self::Relax(i) => {
+                (q.compression[i], q.shear[i], p.compression[i], p.shear[i]) = (zero, zero, zero, zero);
+            }
+            Self::Impact(modes) => {
+                let (pair, mut contacts) = ([zero; 2], Contacts::sticking());
+                for lane in 0..R::WIDTH {
+                    contacts.set(lane, modes, [0.0; 2]);
                 }
-                Self::Impact(modes) if pass == 0 => {
-                    let (pair, mut contacts) = ([zero; 2], Contacts::sticking());
-                    for lane in 0..R::WIDTH {
-                        contacts.set(lane, modes, [0.0; 2]);
-                    }
-                    let force = Coordinates { object: *impulse, ..Coordinates::zero() };
-                    let load =
-                        Load { force, couple: pair, friction, bias: velocity, finger_acceleration: pair };
-                    let change = response(plant.driven, &geometry, plant, &contacts, &load).acceleration;
-                    *p = each_coordinate!([p, change] => p + change);
-                }
-                Self::Absorb(contacts) => {
-                    for (i, (closed, slips)) in contacts.into_iter().enumerate() {
-                        if closed && pass == 0 {
-                            q.compression[i] = q.compression[i] - gaps[i];
-                        } else if closed {
-                            p.compression[i] = p.compression[i] - velocity[i];
-                        }
-                        if closed && !slips && pass == 1 {
-                            p.shear[i] = p.shear[i] - velocity[2 + i];
-                        }
+                let force = Coordinates { object: *impulse, ..Coordinates::zero() };
+                let load = Load { force, couple: pair, friction, bias: velocity, finger_acceleration: pair };
+                let change = response(plant.driven, &geometry, plant, &contacts, &load).acceleration;
+                *p = each_coordinate!([p, change] => p + change);
+            }
+            Self::Absorb(contacts) => {
+                for i in 0..2 {
+                    if contacts[i].0 {
+                        q.compression[i] = q.compression[i] - gaps[i];
                     }
                 }
-                Self::Meet(_) | Self::Impact(_) => {}
+                // The velocities of a contact depend on its compression.
+                let velocity = Geometry::<R, E::Parts>::of(&plant.sides, q, p).constraint_velocity();
+                for (i, (closed, slips)) in contacts.into_iter().enumerate() {
+                    if closed {
+                        p.compression[i] = p.compression[i] - velocity[i];
+                    }
+                    if closed && !slips {
+                        p.shear[i] = p.shear[i] - velocity[2 + i];
+                    }
+                }
             }
         }
     }

@@ -185,7 +185,7 @@ fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2],
     let masses = equations.plant().masses.compression;
     let friction = equations.friction().unwrap_or([f64::INFINITY; 2]);
     let (acceleration, multipliers) = (&terms.response.acceleration, &terms.response.multipliers);
-    let (swept, bias) = (equations.swept(terms), terms.geometry.bias());
+    let (swept, bias) = (&terms.swept, terms.geometry.bias());
     let graze = modes.map(|mode| mode == Mode::Graze);
     let own = |i: usize| {
         // The terms of the accelerations of the gap and of the slip, and those that the multipliers make.

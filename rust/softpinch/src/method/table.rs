@@ -56,7 +56,8 @@ task! {
             let method = Rosenbrock::<Tangent<R>, R, LaneEntry<R>>::new(system.size(), runs.tangent());
             Box::new(Called(method))
         }
-        _ => Box::new(Called(Dop853::default())),
+        Method::Dop853 => Box::new(Called(Dop853::default())),
+        Method::Rk4 | Method::ImplicitMidpoint | Method::Radau5 => unreachable!("{method:?} has no such lanes"),
     }
 }
 

@@ -40,6 +40,14 @@ pub struct Stats {
 }
 
 impl Stats {
+    /// Adds the work of steps that are no steps of the run.
+    pub fn add(&mut self, other: &Self) {
+        self.evaluations += other.evaluations;
+        self.jacobians += other.jacobians;
+        self.factorisations += other.factorisations;
+        self.iterations += other.iterations;
+    }
+
     /// The counts by their public names.
     pub fn named(&self) -> [(&'static str, u64); 7] {
         [

@@ -160,8 +160,7 @@ impl EventStepper<'_> {
     fn is_low(&self, place: &SegmentState, motion: &Motion<f64>, i: usize) -> bool {
         let terms = self.equations.terms(&self.input(place.tau), &self.drive.contacts, motion);
         let speed = terms.geometry.constraint_velocity()[i];
-        speed >= 0.0
-            || speed * speed <= 2.0 * self.equations.falls(&terms, i) * self.scale(motion, i) * BOUNCE
+        speed >= 0.0 || speed * speed <= 2.0 * terms.falls(i) * self.scale(motion, i) * BOUNCE
     }
 
     /// The size of the numbers of which the gap of contact i is the difference, m.
@@ -186,13 +185,13 @@ impl EventStepper<'_> {
         let flight =
             |free: Option<usize>| self.equations.terms(&input, &contacts_in(only(free), &now, tilts), motion);
         let (in_j, scale) = (flight(Some(j)), self.scale(motion, j));
-        let (speed, falls_j) = (rates[j], self.equations.falls(&in_j, j));
+        let (speed, falls_j) = (rates[j], in_j.falls(j));
         // Most flights are higher, or do not fall back.
         if speed * speed >= 2.0 * falls_j * LOW * scale {
             return;
         }
         let (in_i, in_none, mut settled) = (flight(Some(i)), flight(None), *motion);
-        let falls_i = self.equations.falls(&in_i, i);
+        let falls_i = in_i.falls(i);
         self.equations.jump(ContactJump::Impact(only(Some(i))), &mut settled);
         // The speed with which contact i opens when j has met its face.
         let back = -velocity(&settled)[i];

@@ -326,10 +326,7 @@ impl<R: Lanes, P> LaneBatch<'_, R, P> {
         let Some(contact) = &mut run.contact else { return };
         let (changes, work) = contact.take_changes();
         contact.run.put_into(&mut self.drive.contacts, lane);
-        self.stats.evaluations += work.evaluations;
-        self.stats.jacobians += work.jacobians;
-        self.stats.factorisations += work.factorisations;
-        self.stats.iterations += work.iterations;
+        self.stats.add(&work);
         let bit = 1 << lane;
         for change in &changes {
             if R::WIDTH == 1 {

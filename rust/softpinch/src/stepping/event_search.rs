@@ -40,7 +40,6 @@ impl SegmentState {
 
 /// One run within a step.
 pub struct EventStepper<'a> {
-    /// The instructions of the code that computes, which is called. The search itself only compares numbers.
     pub system: &'a SceneEquations<f64>,
     pub equations: ContactEquations<'a>,
     pub method: &'a mut LoneMethod,

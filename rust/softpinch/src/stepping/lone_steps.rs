@@ -128,7 +128,8 @@ impl RowsInside {
                 let LoneSteps { system: alone, method } = &mut **steps;
                 let next = if length > 0.0 { method.step(alone, &drive, (tau, &y), length)? } else { y };
                 let now = alone.evaluate(&drive, tau + length, &next);
-                batch.stats.evaluations += 1 + take(&mut method.stats).evaluations;
+                batch.stats.evaluations += 1;
+                batch.stats.add(&take(&mut method.stats));
                 watched(system.size(), (0, None), &now, &next, time, (time, 0))
             };
             // After an overflow the run ends at this step.

@@ -4,6 +4,7 @@
 use crate::error::seconds;
 use crate::formulation::Evaluation;
 use crate::model::contact::Side;
+use crate::model::contact::law::modulus;
 use crate::model::{Any, Contact, Contacts, Geometry, Motion, Parameters, SIDES, ShapeKind, Source};
 use crate::names::{named, set};
 use crate::number::{Bits, LaneTask, Lanes, Real, task};
@@ -140,7 +141,7 @@ impl<R: Lanes> Limits<R> {
             limited: friction[0].less(infinity) | friction[1].less(infinity),
             half_height: [half_length(source, 0), half_length(source, 1)],
             curvature: [curvature(source, 0), curvature(source, 1)],
-            modulus: [0, 1].map(|i| source.number(|p| p.modulus(i))),
+            modulus: [0, 1].map(|i| modulus(source, i)),
             ends: ViolationSet::default(),
         }
     }
@@ -158,7 +159,8 @@ impl<R: Lanes> Limits<R> {
         found
     }
 
-    /// The compression at which contact `i` reaches the rim of its tip.
+    /// d_n plus the radius times what |sin theta_p| lacks to be at the rim of tip `i`. On a face this is the compression at the
+    /// rim.
     #[inline(always)]
     fn rim(&self, at: &Evaluation<R>, i: usize) -> R {
         let (d_n, radius) = (at.motion.q.compression[i], self.sides[i].radius);
@@ -464,9 +466,10 @@ pub(crate) fn explain(
         ),
         Violation::Opened => format!("a fingertip left the object at t = {t}"),
         Violation::Rim => format!(
-            "the contact of the {side} fingertip reached the rim of its hemisphere at t = {t} (d_n = {d_n:.3e} m, at this tilt the rim is at \
-             {:.3e} m)",
-            radius * (1.0 - sin_tilt.abs())
+            "the contact of the {side} fingertip reached the rim of its hemisphere at t = {t} (sin |theta_p| = {:.4}, with d_n = {d_n:.3e} m \
+             the rim is at {:.4})",
+            sin_tilt.abs(),
+            sin_tilt.abs() + (limits.rim(&state, i) - d_n) / radius
         ),
         Violation::OffFace => format!(
             "the contact of the {side} fingertip left the face at t = {t} (|G| = {:.3e} m, half the height is {:.3e} m)",

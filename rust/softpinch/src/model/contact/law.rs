@@ -18,7 +18,7 @@ pub use relaxation::{BRANCHES, RELAXATIONS, Relaxing};
 use springs::Curve;
 pub use springs::Springs;
 
-use crate::model::{Motion, Parameters, Source, numbered};
+use crate::model::{Motion, Source, numbered};
 use crate::number::{LaneTask, Real, task};
 
 /// Declares the kinds of laws; of the others than (5) also the type that has the curve.
@@ -72,13 +72,12 @@ laws! {
 }
 
 /// The modulus E with which (5) is as stiff at full compression as the law of tip `i`, Pa.
-pub(crate) fn modulus(parameters: &Parameters, i: usize) -> f64 {
-    if parameters.law(i) == LawKind::ParallelSprings {
-        return parameters.tips[i].youngs_modulus;
+pub(crate) fn modulus<R: Real>(source: &impl Source<R>, i: usize) -> R {
+    if !R::ANY_PARTS || source.kinds().law(i) == LawKind::ParallelSprings {
+        return source.number(|p| p.tips[i].youngs_modulus);
     }
-    let radius = parameters.tips[i].radius;
-    let slope = curve(parameters, i, radius).slope;
-    slope / (2.0 * std::f64::consts::PI * radius)
+    let radius = source.number(|p| p.tips[i].radius);
+    curve(source, i, radius).slope / (R::constant(2.0 * std::f64::consts::PI) * radius)
 }
 
 /// F of the upright tip `i` at a compression, N.

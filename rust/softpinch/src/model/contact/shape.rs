@@ -2,7 +2,7 @@
 //!
 //! All kinds but the paper's are one surface with four numbers, which are exact for flat ones (`shape/surface.rs`): its apex, its
 //! tilt there and its curvature. A new kind of them is an entry of [`ShapeKind`] and a branch of `Surface::new`. The paper's
-//! parallel face is compiled into the equations by the compiler.
+//! parallel face is inlined into the equations.
 
 mod parallel_face;
 mod surface;
