@@ -191,7 +191,9 @@ impl Batch {
             PyResult::Ok((longest, least_stable))
         })?;
         batch.warning = stability_warning(&batch.options, longest);
-        (batch.options.guard, batch.options.checked) = (least_stable.0 > 1.0, true);
+        let guard =
+            least_stable.0 > 1.0 && batch.options.guards(&batch.scene(least_stable.1).map_err(raise)?);
+        (batch.options.guard, batch.options.checked) = (guard, true);
         batch.least_stable = least_stable;
         Ok(batch)
     }

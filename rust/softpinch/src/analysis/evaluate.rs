@@ -4,7 +4,7 @@ use nalgebra::SMatrix;
 
 use crate::error::Error;
 use crate::formulation::equations;
-use crate::formulation::{ContactEquations, Csm, Response, Unilateral};
+use crate::formulation::{ContactEquations, Csm, Response};
 use crate::model::contact::mechanism::Mechanism;
 use crate::model::{
     Any, Contacts, Coordinates, Energies, Geometry, Inputs, Motion, Parameters, Plant, Rule, Stabilization,
@@ -38,10 +38,10 @@ pub fn evaluate(
     let input = drive.at(0.0);
     // With tips that stick the equations of unilateral contact are those of bilateral contact.
     let plant = Plant::<f64>::called(parameters, inputs.fingers, inputs.moves());
-    let equations = Unilateral::<f64>::new(parameters, Csm::new(plant, stabilization));
+    let csm = Csm::new(plant, stabilization);
     let own = drive.frame.as_deref().copied();
     let equations::Terms { geometry, forces, response, .. } =
-        ContactEquations::new(&equations, own).terms(&input, &Contacts::sticking(), motion);
+        ContactEquations::new(&csm, [0.0; 2], own).terms(&input, &Contacts::sticking(), motion);
     let Motion { q, p, .. } = motion;
     let moving = own.map(|own| plant.loads(&own.at(0.0), &input.force, q.object, p.object));
     let mut outside = input.force;

@@ -90,13 +90,11 @@ pub fn natural(scene: &RestScene, member: &Member) -> Unknowns {
 /// All other starts, those that are near the first one before the others.
 pub fn others<'a>(scene: &'a RestScene, member: &'a Member) -> impl Iterator<Item = Unknowns> + 'a {
     let shares = if scene.held() == [true; 2] { &SHARES[..1] } else { &SHARES[..] };
-    let all = shares.iter().flat_map(move |&share| {
-        SHIFTS.into_iter().flat_map(move |along| {
-            SHIFTS.into_iter().flat_map(move |across| {
-                TURNS.into_iter().map(move |turn| between(scene, member, share, turn, [along, across]))
-            })
-        })
-    });
+    let (shifts, turns) = (SHIFTS.len(), TURNS.len());
     // The first of them is the natural start.
-    all.skip(1)
+    (1..shares.len() * shifts * shifts * turns).map(move |n| {
+        let (turn, across) = (TURNS[n % turns], SHIFTS[n / turns % shifts]);
+        let (along, share) = (SHIFTS[n / turns / shifts % shifts], shares[n / turns / shifts / shifts]);
+        between(scene, member, share, turn, [along, across])
+    })
 }

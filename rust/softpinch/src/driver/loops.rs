@@ -2,7 +2,7 @@
 
 use crate::driver::simulate::adaptive;
 use crate::error::Result;
-use crate::formulation::{AnyParts, EquationKind, Inlined, Unilateral, with};
+use crate::formulation::{EquationKind, Inlined, Unilateral, with};
 use crate::method::{MakeInLanes, Method, Rk4, Rk4InLanes, Runs};
 use crate::model::{ContactModel, Fingers};
 use crate::number::{LaneKernel, Lanes, Real, call_four_lanes, dispatch_lanes};
@@ -11,8 +11,8 @@ use crate::stepping::{AdaptiveSteps, EqualSteps, LoopSystem, Options, RunLoop, S
 impl RunLoop<'_> {
     /// Computes the runs in lanes, if the steps of the method have lanes.
     pub fn in_lanes(self) -> Result {
-        // Jacobians in vectors of eight lanes have code for the paper's parts only, laws among them.
-        let papers = self.scene.parameters.has_the_papers_parts();
+        // Jacobians in vectors of eight lanes have code for the paper's mechanisms and sides only.
+        let papers = self.scene.parameters.has_the_papers_geometry();
         let Options { simd, method, .. } = *self.options;
         if papers || method != Method::Rosenbrock {
             dispatch_lanes(simd, self)?

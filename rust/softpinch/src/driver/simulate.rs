@@ -44,7 +44,7 @@ pub fn simulate(
     options: &Options,
     interrupted: &dyn Fn() -> bool,
 ) -> Result<(Run, Option<String>)> {
-    let options = &Options { guard: options.guard || options.may_be_unstable(scene), ..options.clone() };
+    let options = &Options { guard: options.guard || options.guards(scene), ..options.clone() };
     let (grid, times) = prepare(scene, options)?;
     // Free steps make the number of rows unknown beforehand.
     let rows = grid.as_ref().map_or(0, |grid| grid.steps / options.every + 2);
@@ -112,19 +112,11 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
     for ((name, rule), value) in Stabilization::FIELDS.iter().zip(options.stabilization.fields()) {
         rule.check(format_args!("stabilization.{name}"), value)?;
     }
-    let (initial, choice) = (&scene.initial, options.choice(&scene.inputs));
-    let largest = choice.fingers != Fingers::Driven
-        && (options.contact == ContactModel::Unilateral
-            || choice.moves && options.formulation != Formulation::Nullspace);
-    if largest && choice.carried.ledger {
-        let mut rule =
-            "must be at most 1 with record \"energy\" where contact is unilateral or the hand moves";
-        let (branches, mut most) = (scene.parameters.branches(), 1);
-        if choice.carried.slips && choice.moves {
-            (rule, most) =
-                ("must be 0 with summary \"slip_distance\" and the energy ledger where the hand moves", 0);
-        }
-        require(branches <= most, "Maxwell branches of a tip", branches as f64, rule)?;
+    let initial = &scene.initial;
+    if !options.fits(scene) {
+        let rule =
+            "must be fewer: a state has no place for the energy ledger or slip_distance beside so many";
+        return Err(Error::shape("Maxwell branches of a tip", scene.parameters.branches(), rule));
     }
     if scene.inputs.fingers == Fingers::Driven {
         scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;

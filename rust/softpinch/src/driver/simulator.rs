@@ -50,7 +50,7 @@ impl Simulator {
             let found = format_args!("{:?}", options.steps);
             return Err(Error::shape("tolerance", found, "a simulator takes equal steps"));
         };
-        let guard = scenes.iter().any(|scene| options.may_be_unstable(scene));
+        let guard = scenes.iter().any(|scene| options.guards(scene));
         let how = Stepping { options: Options { guard, ..options.clone() }, dt, period };
         let mut environments: Vec<_> = scenes.into_iter().map(Environment::new).collect();
         for (run, environment) in environments.iter_mut().enumerate() {

@@ -2,14 +2,15 @@
 
 use crate::formulation::equations::Solved;
 use crate::formulation::impact::{Impact, impact};
-use crate::formulation::{ContactJump, Equations, Terms, Unilateral};
+use crate::formulation::{ContactJump, Csm, Equations, Terms};
 use crate::model::{Any, Contacts, Coordinates, Geometry, Input, Motion, Plant, SegmentFrame};
 use crate::number::{LaneTask, Real, inlined, task};
 
 /// The equations of one run with unilateral contact, whatever its parts.
 #[derive(Debug, Clone, Copy)]
 pub struct ContactEquations<'a> {
-    equations: &'a Unilateral<f64>,
+    csm: &'a Csm<f64>,
+    friction: [f64; 2],
     /// The motion of the hand in the segment, if it moves.
     frame: Option<SegmentFrame<f64>>,
 }
@@ -33,9 +34,9 @@ task! {
 }
 task! {
     ['a]
-    Collision<'a>(equations: &'a Unilateral<f64>, geometry: &'a Geometry<f64>, p: &'a Coordinates,
-        closed: [bool; 2], impulse: [f64; 3])
-    for f64 => Impact = impact(geometry, equations.plant(), p, (closed, equations.friction), impulse)
+    Collision<'a>(at: &'a ContactEquations<'a>, geometry: &'a Geometry<f64>, p: &'a Coordinates, closed: [bool; 2],
+        impulse: [f64; 3])
+    for f64 => Impact = impact(geometry, at.plant(), p, (closed, at.friction), impulse)
 }
 task! {
     ['a]
@@ -48,9 +49,9 @@ impl Equations<f64> for ContactEquations<'_> {
 
     inlined! {
         opens(&self) -> bool = true;
-        friction(&self) -> Option<[f64; 2]> = Some(self.equations.friction);
-        bias(&self, geometry: &Geometry<f64>) -> [f64; 4] = self.equations.csm.gamma(geometry);
-        plant(&self) -> &Plant<f64> = self.equations.plant();
+        friction(&self) -> Option<[f64; 2]> = Some(self.friction);
+        bias(&self, geometry: &Geometry<f64>) -> [f64; 4] = self.csm.gamma(geometry);
+        plant(&self) -> &Plant<f64> = &self.csm.plant;
     }
 }
 
@@ -63,8 +64,8 @@ impl Terms<f64> {
 
 impl<'a> ContactEquations<'a> {
     /// The equations of a run, in a segment with this motion of the hand.
-    pub(crate) fn new(equations: &'a Unilateral<f64>, frame: Option<SegmentFrame<f64>>) -> Self {
-        Self { equations, frame }
+    pub(crate) fn new(csm: &'a Csm<f64>, friction: [f64; 2], frame: Option<SegmentFrame<f64>>) -> Self {
+        Self { csm, friction, frame }
     }
 
     pub fn terms(&self, input: &Input<f64>, contacts: &Contacts<f64>, motion: &Motion<f64>) -> Terms<f64> {
@@ -79,8 +80,7 @@ impl<'a> ContactEquations<'a> {
         closed: [bool; 2],
         impulse: [f64; 3],
     ) -> Impact {
-        let Self { equations, .. } = *self;
-        f64::outlined(Collision { equations, geometry, p, closed, impulse })
+        f64::outlined(Collision { at: self, geometry, p, closed, impulse })
     }
 
     /// Lets a part of an event other than an impact happen to a motion.

@@ -14,7 +14,7 @@ use crate::formulation::{Response, response};
 use crate::model::{Contacts, Coordinates, Geometry, Mode, Plant, Slip, each_coordinate};
 use crate::number::dot;
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Impact {
     pub p: Coordinates,
     /// The impulses Lambda of the contacts, in the order of the multipliers, N s.
@@ -65,14 +65,7 @@ pub fn impact(
         }
     }
     let Some((_, modes, found, after)) = best else {
-        return Impact {
-            p: *p,
-            impulses: [0.0; 4],
-            modes: [Mode::Free; 2],
-            loss: 0.0,
-            work: 0.0,
-            driving: 0.0,
-        };
+        return Impact { p: *p, modes: [Mode::Free; 2], ..Impact::default() };
     };
     let change = &found.acceleration;
     let changed = each_coordinate!([p, change] => p + change);

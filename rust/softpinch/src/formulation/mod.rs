@@ -4,7 +4,6 @@
 //! `scene_equations.rs`, where a scene gets its equations: `SceneEquations`, for numbers of every kind. `run_dual.rs`
 //! has those of a run with derivatives. docs/architecture.md lists the files of unilateral contact.
 
-pub(crate) mod any_parts;
 pub(crate) mod constrained;
 pub(crate) mod contact_equations;
 pub(crate) mod contact_solve;
@@ -23,7 +22,6 @@ pub(crate) mod table;
 pub(crate) mod tangent;
 pub(crate) mod unilateral;
 
-pub(crate) use any_parts::AnyParts;
 pub(crate) use constrained::constrained;
 pub(crate) use contact_equations::ContactEquations;
 pub(crate) use contact_solve::{Response, response};

@@ -149,7 +149,7 @@ fn first_admissible(
             combinations.push(((changed, first + second, first), [right, left]));
         }
     }
-    combinations.sort_by_key(|&(order, _)| order);
+    combinations.sort_unstable_by_key(|&(order, _)| order);
     let mut nearest: Option<(f64, [Mode; 2])> = None;
     let tilts = equations.tilts(&motion.q);
     for (_, modes) in combinations {
@@ -230,11 +230,16 @@ mod tests {
         let friction = Friction { right: friction, left: friction };
         let parameters = Parameters { friction, tips: [tip; 2], ..Parameters::default() };
         let gains = Stabilization { alpha: 0.0, beta: 0.0 };
-        Unilateral::new(&parameters, Csm::new(Plant::new(&parameters, Fingers::Pid, false), &gains))
+        Unilateral::new(
+            &parameters,
+            Csm::new(Plant::new(&parameters, Fingers::Pid, false), &gains),
+            true,
+            true,
+        )
     }
 
     fn called(equations: &Unilateral<f64>) -> ContactEquations<'_> {
-        ContactEquations::new(equations, None)
+        ContactEquations::new(&equations.csm, equations.friction, None)
     }
 
     /// A pressed grasp: fingers closed by `grip`, the object turned and sheared.

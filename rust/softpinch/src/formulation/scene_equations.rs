@@ -10,11 +10,11 @@ use crate::formulation::equations::size_of;
 use crate::formulation::nullspace::Nullspace;
 use crate::formulation::projected;
 use crate::formulation::{
-    AnyParts, ApplyJump, Carried, ContactEquations, ContactJump, Csm, Equations, Evaluation, Formulation,
+    ApplyJump, Carried, ContactEquations, ContactJump, Csm, Equations, Evaluation, Formulation,
     MAX_COMPONENTS, Size, StageState, States, System, Unilateral, for_fingers,
 };
 use crate::model::{
-    Applied, ContactModel, Contacts, Energies, Fingers, FrameLoads, Input, Motion, Parts, Plant,
+    Applied, ContactModel, Contacts, Energies, Fingers, FrameLoads, Input, Motion, Others, Parts, Plant,
     SegmentDrive, SegmentFrame, Source, Stabilization,
 };
 use crate::number::{LaneTask, Lanes, Lift, Real, task};
@@ -24,7 +24,7 @@ pub(crate) enum EquationKind<R> {
     Csm(Csm<R>),
     Nullspace(Nullspace<R>),
     Unilateral(Unilateral<R>),
-    AnyParts(AnyParts<R>),
+    AnyParts(Unilateral<R, Others>),
 }
 
 /// Evaluates one expression with the equations of any kind. No code is compiled for unilateral contact, or for parts that
@@ -37,7 +37,7 @@ macro_rules! with {
             EquationKind::Unilateral($equations) if const { $unilateral } => $body,
             EquationKind::Unilateral(Unilateral { csm: $equations, .. }) => $body,
             EquationKind::AnyParts($equations) if const { $any_parts } => $body,
-            EquationKind::AnyParts(AnyParts { unilateral: Unilateral { csm: $equations, .. }, .. }) => $body,
+            EquationKind::AnyParts(Unilateral { csm: $equations, .. }) => $body,
         }
     };
 }
@@ -74,8 +74,8 @@ task! {
         match (papers, opens) {
             (true, false) if drifts => EquationKind::Csm(csm),
             (true, false) => EquationKind::Nullspace(Nullspace { plant: csm.plant }),
-            (true, true) => EquationKind::Unilateral(Unilateral::new(source, csm)),
-            (false, _) => EquationKind::AnyParts(AnyParts { unilateral: Unilateral::new(source, csm), drifts, opens }),
+            (true, true) => EquationKind::Unilateral(Unilateral::new(source, csm, drifts, opens)),
+            (false, _) => EquationKind::AnyParts(Unilateral::new(source, csm, drifts, opens)),
         }
     }
 }
@@ -338,9 +338,9 @@ impl SceneEquations<f64> {
     /// The equations of unilateral contact; `None` if these are others.
     pub(crate) fn contact(&self, drive: &SegmentDrive) -> Option<ContactEquations<'_>> {
         match &self.kind {
-            EquationKind::Unilateral(equations)
-            | EquationKind::AnyParts(AnyParts { unilateral: equations, opens: true, .. }) => {
-                Some(ContactEquations::new(equations, drive.frame.as_deref().copied()))
+            EquationKind::Unilateral(Unilateral { csm, friction, .. })
+            | EquationKind::AnyParts(Unilateral { csm, friction, opens: true, .. }) => {
+                Some(ContactEquations::new(csm, *friction, drive.frame.as_deref().copied()))
             }
             _ => None,
         }

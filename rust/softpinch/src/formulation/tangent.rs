@@ -5,8 +5,8 @@ use std::marker::PhantomData;
 use crate::formulation::equations::{evaluated, size_of};
 use crate::formulation::scene_equations::{Load, for_fingers_of};
 use crate::formulation::{
-    AnyParts, Carried, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS,
-    SceneEquations, States, System, Unilateral, for_fingers, with,
+    Carried, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS, SceneEquations,
+    States, System, Unilateral, for_fingers, with,
 };
 use crate::model::{Constants, Contacts, FrameMotion, Input, Parameters, SegmentDrive, Stabilization};
 use crate::number::{
@@ -19,7 +19,7 @@ const IN_LANES: usize = 3;
 
 /// The equations of a scene in dual numbers.
 pub enum Tangent<R> {
-    /// In lanes of runs with the paper's parts.
+    /// In lanes of runs whose parts, but for laws of the tip, are the paper's.
     InLanes(Box<SceneEquations<Dual<R, IN_LANES>>>),
     /// Of a single run, or of runs with other parts: one direction in each lane takes little code.
     Swept(Box<dyn Linear<R> + Send + Sync>),
@@ -188,10 +188,10 @@ impl<R: Lanes> Linear<R> for Tangent<R> {
     fn renew(&mut self, runs: Runs<'_>) {
         match self {
             // In place, because they are large.
-            Self::InLanes(system) => {
+            Self::InLanes(system) if const { R::WIDTH > 1 } => {
                 **system = SceneEquations::new(runs.choice, &Constants(&runs.parameters), runs.gains);
             }
-            Self::Swept(_) => *self = runs.tangent(),
+            _ => *self = runs.tangent(),
         }
     }
 }
@@ -227,7 +227,7 @@ impl Runs<'_> {
         let build = BuildFor(*self, PhantomData);
         if const { R::WIDTH == 1 } {
             Tangent::Swept(call_four_lanes(build))
-        } else if const { R::VARIED_PARTS } && !self.parameters[0].has_the_papers_parts() {
+        } else if const { R::VARIED_PARTS } && !self.parameters[0].has_the_papers_geometry() {
             Tangent::Swept(build.run::<R>())
         } else {
             let source = &Constants(&self.parameters);

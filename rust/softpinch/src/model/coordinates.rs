@@ -4,7 +4,7 @@ use crate::number::{Bits, Real, inlined};
 
 /// One number for each of the nine coordinates: their values, rates or accelerations, or forces or masses. Rows and
 /// arrays at the border have the numbers in the order of these fields.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Coordinates<R = f64> {
     /// The object: x and y of the centre of gravity, and its angle theta.
     pub object: [R; 3],

@@ -219,12 +219,12 @@ impl SegmentDrive {
     }
 }
 
-impl<R: Lanes, const W: usize> SegmentDrive<Dual<R, W>> {
+impl<R: Lanes> SegmentDrive<Dual<R, 1>> {
     /// The inputs `value` of a segment, with their derivatives `slopes`; there are none in further directions. Every sinusoid has a derivative at the same place of `slopes`.
     pub fn varied(value: &SegmentDrive, slopes: &[SegmentDrive]) -> Self {
         let degree = slopes.iter().fold(value.degree, |most, slope| most.max(slope.degree));
         let joined = |number: f64, slope: &dyn Fn(&SegmentDrive) -> f64| {
-            Dual::<R, W>::varied(number, &slopes.iter().map(slope).collect::<Vec<_>>())
+            Dual::<R, 1>::varied(number, &slopes.iter().map(slope).collect::<Vec<_>>())
         };
         let wave = |k: usize, own: &Wave<f64>| {
             let slope =

@@ -40,14 +40,14 @@ pub struct VariedParameters<'a> {
 impl VariedParameters<'_> {
     /// Inlined into all that needs a number, it would take 28 KB more (measured).
     #[inline(never)]
-    fn varied<R: Lanes, const W: usize>(&self, of: &dyn Fn(&Parameters) -> f64) -> Dual<R, W> {
+    fn varied<R: Lanes>(&self, of: &dyn Fn(&Parameters) -> f64) -> Dual<R, 1> {
         Dual::varied(of(self.parameters), &self.slopes.each_ref().map(of))
     }
 }
 
-impl<R: Lanes, const W: usize> Source<Dual<R, W>> for VariedParameters<'_> {
+impl<R: Lanes> Source<Dual<R, 1>> for VariedParameters<'_> {
     inlined! {
-        number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> = self.varied(&of);
+        number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, 1> = self.varied(&of);
         kinds(&self) -> &Parameters = self.parameters;
     }
 }
@@ -55,10 +55,12 @@ impl<R: Lanes, const W: usize> Source<Dual<R, W>> for VariedParameters<'_> {
 /// The numbers of another source as constants in one more direction.
 pub struct Constants<'a, S>(pub &'a S);
 
-impl<R: Lanes, S: Source<R>, const W: usize> Source<Dual<R, W>> for Constants<'_, S> {
+impl<R: Lanes, S: Source<R>, const W: usize> Source<Dual<R, W>> for Constants<'_, S>
+where
+    Dual<R, W>: Lift<R>,
+{
     inlined! {
-        number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> =
-            <Dual<R, W> as Lift<R>>::lift(self.0.number(of));
+        number(&self, of: impl Fn(&Parameters) -> f64) -> Dual<R, W> = Dual::lift(self.0.number(of));
         kinds(&self) -> &Parameters = self.0.kinds();
     }
 }

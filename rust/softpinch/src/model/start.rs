@@ -255,21 +255,18 @@ fn span(finger: &Finger, tip: &Fingertip, width: f64) -> (f64, f64) {
 
 /// Fingers turned until both tips just touch the upright object.
 pub fn touching(parameters: &Parameters) -> Result<Coordinates, Error> {
-    let mut angles = [0.0; 2];
-    if !parameters.has_the_papers_geometry() {
-        for i in 0..2 {
-            angles[i] = coordinate_at(parameters, i, 0.0).ok_or(Error::Untouched { finger: SIDES[i] })?;
-        }
-        return Ok(upright_between(parameters, angles, [0.0; 2]));
-    }
+    let (mut angles, papers) = ([0.0; 2], parameters.has_the_papers_geometry());
     for i in 0..2 {
-        let (finger, tip, width) = (&parameters.fingers[i], &parameters.tips[i], parameters.grasped.width);
-        angles[i] = angle_at(finger, tip, width, 0.0).ok_or_else(|| {
-            let (distance, reach) = span(finger, tip, width);
+        angles[i] = coordinate_at(parameters, i, 0.0).ok_or_else(|| {
+            if !papers {
+                return Error::Untouched { finger: SIDES[i] };
+            }
+            let (distance, reach) =
+                span(&parameters.fingers[i], &parameters.tips[i], parameters.grasped.width);
             Error::OutOfReach { finger: SIDES[i], distance_mm: 1e3 * distance, reach_mm: 1e3 * reach }
         })?;
     }
-    Ok(upright(parameters, angles))
+    Ok(if papers { upright(parameters, angles) } else { upright_between(parameters, angles, [0.0; 2]) })
 }
 
 /// Driven fingers at the angles that the schedule has at time `t`, and the object upright, at rest and

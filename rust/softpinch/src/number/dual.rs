@@ -5,7 +5,7 @@
 use std::ops::Neg;
 
 use crate::number::real::operators;
-use crate::number::{Bits, LaneTask, Lanes, Lift, Real, inlined};
+use crate::number::{Bits, Compose, Functions, LaneTask, Lanes, Lift, Real, inlined};
 
 /// A value and its derivatives in `W` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +51,7 @@ impl<R: Real, const W: usize> Dual<R, W> {
     }
 }
 
-impl<R: Lanes, const W: usize> Dual<R, W> {
+impl<R: Lanes> Dual<R, 1> {
     /// Makes a number whose value is the same in every lane, from the derivative in each direction: those of the first
     /// vector of derivatives are in lanes, then those of the second, and so on. It is called, because it is rare.
     #[inline(never)]
@@ -103,7 +103,30 @@ impl<R: Real, const W: usize> Neg for Dual<R, W> {
     inlined! { neg(self) -> Self = dual!(self, k => -self.value, -self.slope[k]); }
 }
 
-impl<R: Real, const W: usize> Real for Dual<R, W> {
+impl<R: Real> Compose for Dual<R, 1> {}
+
+/// The numbers of Jacobians in lanes. Parameters have no derivatives there, so the chain rule needs those of the functions in
+/// one direction.
+impl<R: Real> Compose for Dual<R, 3> {
+    #[inline(always)]
+    fn compose<const N: usize>(self, functions: &impl Functions<Self, N>) -> [Self; N] {
+        let found = functions.at(Dual::<R, 1>::variable(self.value, 0));
+        let mut composed = [self; N];
+        for n in 0..N {
+            composed[n] = self.chain(found[n].value, found[n].slope[0]);
+        }
+        composed
+    }
+}
+
+impl<R: Real> Lift<Dual<R, 3>> for Dual<R, 1> {
+    inlined! { lift(parameter: Dual<R, 3>) -> Self = Self::lift(parameter.value); }
+}
+
+impl<R: Real, const W: usize> Real for Dual<R, W>
+where
+    Self: Compose,
+{
     /// One direction after the other takes little code.
     const ANY_PARTS: bool = R::VARIED_PARTS && W == 1;
     const VARIED_PARTS: bool = Self::ANY_PARTS;
@@ -173,7 +196,10 @@ impl<R: Real, K: LaneTask<Dual<R, W>>, const W: usize> LaneTask<R> for Wrapped<K
 
 /// The numbers of lanes with their derivatives, so that methods take their steps in dual numbers. They are compared by
 /// their values.
-impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
+impl<R: Lanes, const W: usize> Lanes for Dual<R, W>
+where
+    Self: Compose,
+{
     const WIDTH: usize = R::WIDTH;
 
     inlined! {
@@ -202,7 +228,10 @@ impl<R: Lanes, const W: usize> Lanes for Dual<R, W> {
     }
 }
 
-impl<R: Lanes, const W: usize> Lift<R> for Dual<R, W> {
+impl<R: Real, const W: usize> Lift<R> for Dual<R, W>
+where
+    Self: Compose,
+{
     inlined! { lift(value: R) -> Self = Self { value, slope: [R::zero(); W] }; }
 }
 
@@ -220,7 +249,7 @@ mod tests {
     proptest! {
         #[test]
         fn derivatives_agree_with_differences_and_values_to_the_bit(x in -2.0..2.0_f64, y in 0.5..2.0_f64) {
-            let dual = f(Dual::<f64, 2>::variable(x, 0), Dual::variable(y, 1));
+            let dual = f(Dual::<f64, 3>::variable(x, 0), Dual::variable(y, 1));
             prop_assert_eq!(dual.value.to_bits(), f(x, y).to_bits());
             let h = 1e-5;
             let difference = [

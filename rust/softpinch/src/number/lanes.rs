@@ -49,12 +49,3 @@ pub trait Lanes: Real {
         min_in(self, other: Self, bits: Bits) -> Self = Self::select(other.less(self) & bits, other, self);
     }
 }
-
-/// Numbers that consist of lanes: the lanes themselves, or dual numbers of them.
-pub trait Lift<R: Lanes>: Lanes {
-    fn lift(value: R) -> Self;
-}
-
-impl<R: Lanes> Lift<R> for R {
-    inlined! { lift(value: R) -> Self = value; }
-}

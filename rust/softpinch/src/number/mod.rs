@@ -17,10 +17,10 @@ pub(crate) mod trigonometry;
 
 pub(crate) use dual::{Dual, gathered, spread};
 pub use lanes::Lanes;
-pub(crate) use lanes::{Lift, MOST, each};
+pub(crate) use lanes::{MOST, each};
 pub(crate) use linear::{Entry, LaneEntry, Lu, MOST_ROWS, Square, solve2, solve3};
 pub(crate) use real::{Bits, dot, inlined, signed, task};
-pub use real::{LaneTask, Real};
+pub use real::{Compose, Functions, LaneTask, Lift, Real};
 pub(crate) use simd::dispatch::call_four_lanes;
 pub use simd::dispatch::{LaneKernel, dispatch_lanes};
 pub use simd::level::{LEVELS, Level};

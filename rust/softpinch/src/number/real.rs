@@ -92,9 +92,38 @@ macro_rules! elementary {
 }
 pub(crate) use elementary;
 
+/// Numbers that take the numbers `R` as constants: these themselves, or dual numbers of them.
+pub trait Lift<R>: Real {
+    /// The constant.
+    fn lift(value: R) -> Self;
+}
+
+impl<R: Real> Lift<R> for R {
+    inlined! { lift(value: R) -> Self = value; }
+}
+
+/// Functions of one number, with parameters `P`.
+pub trait Functions<P, const N: usize> {
+    /// The values of the functions.
+    fn at<R: Lift<P>>(&self, x: R) -> [R; N];
+}
+
+/// Numbers of which functions can be taken.
+pub trait Compose: Sized {
+    /// The values of functions of this number.
+    #[inline(always)]
+    fn compose<const N: usize>(self, functions: &impl Functions<Self, N>) -> [Self; N]
+    where
+        Self: Real,
+    {
+        functions.at(self)
+    }
+}
+
 /// A real number with the operations that the mechanics need.
 pub trait Real:
-    Copy
+    Compose
+    + Copy
     + Debug
     + Send
     + Sync

@@ -3,7 +3,7 @@
 use std::ops::Neg;
 
 use crate::number::real::{elementary, inlined, operators};
-use crate::number::{Bits, LaneTask, Lanes, Real};
+use crate::number::{Bits, Compose, LaneTask, Lanes, Real};
 
 /// Four lanes in an array, for any processor. The compiler chooses the vector instructions.
 #[derive(Debug, Clone, Copy)]
@@ -30,6 +30,8 @@ impl Neg for Row4 {
 
     inlined! { neg(self) -> Self = Self(self.0.map(f64::neg)); }
 }
+
+impl Compose for Row4 {}
 
 impl Real for Row4 {
     inlined! {

@@ -2,7 +2,9 @@
 
 use crate::number::real::{elementary, inlined};
 use crate::number::simd::dispatch::call_alone;
-use crate::number::{Bits, LaneTask, Lanes, Real};
+use crate::number::{Bits, Compose, LaneTask, Lanes, Real};
+
+impl Compose for f64 {}
 
 impl Real for f64 {
     inlined! {

@@ -1,6 +1,6 @@
 //! The options of a simulation.
 
-use crate::formulation::{Carried, Choice, Formulation};
+use crate::formulation::{Carried, Choice, Formulation, MAX_COMPONENTS, System};
 use crate::method::{Method, Runs};
 use crate::model::{ContactModel, Inputs, Scene, Stabilization, fastest_rate};
 use crate::number::{Level, MOST};
@@ -79,6 +79,16 @@ impl Options {
     /// motion.
     pub fn may_be_unstable(&self, scene: &Scene) -> bool {
         self.step_to_stable_one(scene) > 1.0
+    }
+
+    /// Whether a run is guarded by its ledger: its steps may be unstable, and the state has place for the works.
+    pub fn guards(&self, scene: &Scene) -> bool {
+        self.may_be_unstable(scene) && Self { guard: true, ..self.clone() }.fits(scene)
+    }
+
+    /// Whether all that the states of a run carry fits into them.
+    pub(crate) fn fits(&self, scene: &Scene) -> bool {
+        scene.parameters.branches() == 0 || self.runs(scene).system::<f64>().size().all() <= MAX_COMPONENTS
     }
 
     /// The steps of a run by the longest one that is stable by that bound. It is zero for methods with error control, and

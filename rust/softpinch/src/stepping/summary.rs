@@ -214,31 +214,21 @@ impl Fold for PeakFrictionRatio {
     }
 }
 
-/// The memory of an integral before the first instant.
-const NO_INTEGRAL: [f64; 3] = [NOTHING, 0.0, 0.0];
-
-/// Integrates a rate by the trapezoidal rule. The memory has the integral, the last instant, and half of the rate there.
-#[inline(always)]
-fn integrate<R: Lanes>(memory: &mut Memory<R>, t: R, half: R, seen: Bits) {
-    let [so_far, last, before] = *memory;
-    let zero = R::zero();
-    let sum = (t - last).mul_add(before + half, so_far);
-    let begins = so_far.less(zero);
-    memory[0] = R::select(seen, R::select(begins, zero, sum), so_far);
-    memory[1] = R::select(seen, t, last);
-    memory[2] = R::select(seen, half, before);
-}
-
-/// The time between two instants counts by half for each of them at which a tip pulls.
+/// The time between two instants counts by half for each of them at which a tip pulls. The memory has the time, the last
+/// instant, and the half that counts from there.
 impl Fold for PullingTime {
-    const START: [f64; 3] = NO_INTEGRAL;
+    const START: [f64; 3] = [NOTHING, 0.0, 0.0];
     const SMOOTH: bool = false;
 
     #[inline(always)]
     fn watch<R: Lanes>(memory: &mut Memory<R>, instant: &SummaryInstant<'_, R>, _: R, seen: Bits) {
-        let zero = R::zero();
+        let ([so_far, last, before], zero) = (*memory, R::zero());
         let pulls = instant.now.multipliers[0].less(zero) | instant.now.multipliers[1].less(zero);
-        integrate(memory, instant.t, R::select(pulls, R::constant(0.5), zero), seen);
+        let half = R::select(pulls, R::constant(0.5), zero);
+        let sum = (instant.t - last).mul_add(before + half, so_far);
+        memory[0] = R::select(seen, R::select(so_far.less(zero), zero, sum), so_far);
+        memory[1] = R::select(seen, instant.t, last);
+        memory[2] = R::select(seen, half, before);
     }
 }
 

@@ -11,7 +11,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::number::real::Real;
 use crate::number::trigonometry;
-use crate::number::{Bits, LaneTask, Lanes};
+use crate::number::{Bits, Compose, LaneTask, Lanes};
 
 /// Kinds of operations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -221,6 +221,8 @@ impl Neg for Counted {
         Self::result(Operation::Sign, -self.value, [self.origin, ZERO, ZERO])
     }
 }
+
+impl Compose for Counted {}
 
 impl Real for Counted {
     fn constant(x: f64) -> Self {

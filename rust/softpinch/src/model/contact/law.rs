@@ -19,7 +19,7 @@ use springs::Curve;
 pub use springs::Springs;
 
 use crate::model::{Motion, Source, numbered};
-use crate::number::{LaneTask, Real, task};
+use crate::number::{LaneTask, Lift, Real, task};
 
 /// Declares the kinds of laws; of the others than (5) also the type that has the curve.
 macro_rules! laws {
@@ -52,9 +52,9 @@ macro_rules! laws {
 
             /// The curve at a compression that is not negative; that of (5) at any.
             #[inline(always)]
-            fn curve(&self, d: R) -> Curve<R> {
+            fn curve<T: Lift<R>>(&self, d: T) -> Curve<T> {
                 match self {
-                    Self::$first(c) => Curve::square(*c, d),
+                    Self::$first(c) => Curve::square(T::lift(*c), d),
                     $(Self::$kind(law) => law.curve(d),)*
                 }
             }
@@ -73,7 +73,7 @@ laws! {
 
 /// The modulus E with which (5) is as stiff at full compression as the law of tip `i`, Pa.
 pub(crate) fn modulus<R: Real>(source: &impl Source<R>, i: usize) -> R {
-    if !R::ANY_PARTS || source.kinds().law(i) == LawKind::ParallelSprings {
+    if source.kinds().law(i) == LawKind::ParallelSprings {
         return source.number(|p| p.tips[i].youngs_modulus);
     }
     let radius = source.number(|p| p.tips[i].radius);
@@ -143,7 +143,7 @@ impl<R: Real> Tip<R> {
     #[inline(always)]
     pub fn new(source: &impl Source<R>, i: usize) -> Self {
         let mut other = None;
-        if R::ANY_PARTS && !source.kinds().has_the_papers_laws() {
+        if !source.kinds().has_the_papers_laws() {
             other = Some(R::outlined(Build { source, i }));
         }
         Self {
@@ -171,7 +171,7 @@ impl<R: Real> Tip<R> {
 /// The other laws of both tips. The paper's equations call them, too.
 #[inline(always)]
 fn others<R: Real>([right, left]: &[Tip<R>; 2]) -> Option<[&Springs<R>; 2]> {
-    if const { R::ANY_PARTS } { Some([right.other.as_ref()?, left.other.as_ref()?]) } else { None }
+    Some([right.other.as_ref()?, left.other.as_ref()?])
 }
 
 /// The elastic energies of both tips, J, for their sin theta_p, cos theta_p, d_n and d_t.

@@ -9,7 +9,7 @@ use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use crate::number::real::{elementary, inlined};
-use crate::number::{Bits, LaneTask, Lanes, Real};
+use crate::number::{Bits, Compose, LaneTask, Lanes, Real};
 
 /// Declares functions of an implementation that are inlined and consist of instructions.
 macro_rules! instructions {
@@ -63,6 +63,8 @@ macro_rules! vector {
                 Self(unsafe { std::mem::transmute::<[f64; $width], $register>(numbers) })
             }
         }
+
+        impl Compose for $name {}
 
         impl Real for $name {
             const VARIED_PARTS: bool = $varied_parts;

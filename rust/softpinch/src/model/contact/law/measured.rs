@@ -6,7 +6,7 @@
 
 use super::springs::Curve;
 use crate::model::Source;
-use crate::number::Real;
+use crate::number::{Lift, Real};
 
 pub const WEIGHTS: usize = 10;
 
@@ -51,31 +51,31 @@ impl<R: Real> Measured<R> {
 
     /// The curve at a compression that is not negative.
     #[inline(always)]
-    pub(super) fn curve(&self, d: R) -> Curve<R> {
-        let one = R::constant(1.0);
-        let beyond = (d - self.range).positive_part();
-        let x = (d - beyond) * self.inverse;
+    pub(super) fn curve<T: Lift<R>>(&self, d: T) -> Curve<T> {
+        let one = T::constant(1.0);
+        let beyond = (d - T::lift(self.range)).positive_part();
+        let x = (d - beyond) * T::lift(self.inverse);
         let (y, mut powers, mut terms) = (one - x, [one; 2], [one; WEIGHTS]);
         for k in 0..WEIGHTS {
             terms[k] = terms[k] * powers[0];
             terms[WEIGHTS - 1 - k] = terms[WEIGHTS - 1 - k] * powers[1];
             powers = [powers[0] * x, powers[1] * y];
         }
-        let mut sums = [R::zero(); 4];
+        let mut sums = [T::zero(); 4];
         // The middle terms are ready first.
         for k in (0..WEIGHTS / 2).rev() {
             for place in [k, WEIGHTS - 1 - k] {
                 for n in 0..4 {
-                    sums[n] = terms[place].mul_add(self.coefficients[n][place], sums[n]);
+                    sums[n] = terms[place].mul_add(T::lift(self.coefficients[n][place]), sums[n]);
                 }
             }
         }
         let [bend, slope, force, integral] =
             [sums[0], x * sums[1], (x * x) * sums[2], (x * x) * (x * sums[3])];
         let mut found = Curve { integral, force, slope, bend };
-        if R::zero().less(beyond) != 0 {
-            let half = R::constant(0.5) * beyond;
-            let third = R::constant(1.0 / 3.0);
+        if T::zero().less(beyond) != 0 {
+            let half = T::constant(0.5) * beyond;
+            let third = T::constant(1.0 / 3.0);
             found.integral = integral + beyond * (force + half * (slope + bend * beyond * third));
             found.force = force + beyond * (slope + bend * half);
             found.slope = slope + bend * beyond;

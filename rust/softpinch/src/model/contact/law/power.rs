@@ -5,7 +5,7 @@
 
 use super::springs::Curve;
 use crate::model::Source;
-use crate::number::Real;
+use crate::number::{Lift, Real};
 
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Power<R> {
@@ -30,16 +30,17 @@ impl<R: Real> Power<R> {
 
     /// The curve at a compression that is not negative.
     #[inline(always)]
-    pub(super) fn curve(&self, d: R) -> Curve<R> {
-        let Self { coefficient: c, exponent: n, inverse, foot, foot_powers: [foot_slope, foot_force] } =
-            *self;
-        let one = R::constant(1.0);
+    pub(super) fn curve<T: Lift<R>>(&self, d: T) -> Curve<T> {
+        let [c, n, inverse] = [T::lift(self.coefficient), T::lift(self.exponent), T::lift(self.inverse)];
+        let (foot, [foot_slope, foot_force]) = (T::lift(self.foot), self.foot_powers);
+        let (foot_slope, foot_force) = (T::lift(foot_slope), T::lift(foot_force));
+        let one = T::constant(1.0);
         let y = d + foot;
         let (bend, slope, force) = powers(y, n);
         let rise = n * foot_slope;
         let integral = (force * y - foot_force * foot) * inverse;
         Curve {
-            integral: c * (integral - d * (foot_force + R::constant(0.5) * rise * d)),
+            integral: c * (integral - d * (foot_force + T::constant(0.5) * rise * d)),
             force: c * (force - foot_force - rise * d),
             slope: c * n * (slope - foot_slope),
             bend: c * n * (n - one) * bend,

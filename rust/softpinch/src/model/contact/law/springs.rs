@@ -8,7 +8,7 @@
 use super::relaxation::Branches;
 use super::{ElasticGradient, Force, LawKind};
 use crate::model::{Counterface, ShapeKind, Source};
-use crate::number::{LaneTask, Real, task};
+use crate::number::{Functions, LaneTask, Lift, Real, task};
 
 /// The force of the upright tip, its integral and its first two derivatives.
 #[derive(Debug, Clone, Copy)]
@@ -76,23 +76,11 @@ impl<R: Real> Springs<R> {
         Self { force, branches, share, coupling, shear_factor }
     }
 
-    /// The curve at a compression. Where this is negative the curve goes on as F''(0) d^2 / 2, as (5) does.
+    /// The curve at a compression.
     #[inline(always)]
     pub(super) fn curve(&self, d: R) -> Curve<R> {
-        if let Force::ParallelSprings(c) = self.force {
-            return Curve::square(c, d);
-        }
-        let compressed = d.positive_part();
-        let mut found = self.force.curve(compressed);
-        // Unless all lanes are compressed: at zero a number with derivatives has them from here alone.
-        if R::zero().less(d) != R::zero().less(R::constant(1.0)) {
-            let open = d - compressed;
-            let slope = found.bend * open;
-            let force = R::constant(0.5) * slope * open;
-            found.integral = found.integral + force * open * R::constant(1.0 / 3.0);
-            (found.force, found.slope) = (found.force + force, found.slope + slope);
-        }
-        found
+        let [integral, force, slope, bend] = d.compose(self);
+        Curve { integral, force, slope, bend }
     }
 
     /// The elastic energy P and its gradient in theta_p, d_n and d_t, for sin theta_p, cos theta_p, d_n and d_t.
@@ -101,7 +89,8 @@ impl<R: Real> Springs<R> {
         let secant = R::constant(1.0) / cos_tilt;
         let tangent = sin_tilt * secant;
         let square = secant * secant;
-        let Curve { integral, force, slope, bend } = self.curve(d_n);
+        let Curve { integral, force, slope, bend } =
+            if const { R::ORDER > 0 } { self.curve_called(d_n) } else { self.curve(d_n) };
         let half = (R::constant(0.5) * self.shear_factor) * d_t;
         let lean = self.coupling * tangent;
         let energy = integral.dot2(square, d_t, force.dot2(lean, slope, half));
@@ -112,5 +101,24 @@ impl<R: Real> Springs<R> {
             tangential: self.share * force.dot2(lean, slope, self.shear_factor * d_t),
         };
         (self.share * energy, gradient)
+    }
+}
+
+/// The integral, the force and its derivatives at a compression. Where this is negative the curve goes on as F''(0) d^2 / 2, as
+/// (5) does.
+impl<R: Real> Functions<R, 4> for Springs<R> {
+    #[inline(always)]
+    fn at<T: Lift<R>>(&self, d: T) -> [T; 4] {
+        let compressed = d.positive_part();
+        let mut found = self.force.curve(compressed);
+        // Unless all lanes are compressed: at zero a number with derivatives has them from here alone.
+        if T::zero().less(d) != T::zero().less(T::constant(1.0)) {
+            let open = d - compressed;
+            let slope = found.bend * open;
+            let force = T::constant(0.5) * slope * open;
+            found.integral = found.integral + force * open * T::constant(1.0 / 3.0);
+            (found.force, found.slope) = (found.force + force, found.slope + slope);
+        }
+        [found.integral, found.force, found.slope, found.bend]
     }
 }
