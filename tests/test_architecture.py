@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import re
 from collections.abc import Callable, Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -36,6 +37,13 @@ ROOMS = (
 # The compiled module, below all rooms.
 CORE = "_core"
 LONGEST = 600
+CRATE = TESTS.parent / "rust" / "softpinch" / "src"
+# Parameters say of which kind each part of a contact is; the parts read their numbers from them.
+CIRCLE_OF_PARTS = {
+    *(f"model::{name}" for name in ("parameters", "rule", "source", "motion")),
+    *(f"model::contact::{name}" for name in ("mechanism", "law")),
+    *(f"model::contact::law::{name}" for name in ("measured", "springs", "relaxation")),
+}
 
 
 class Import(NamedTuple):
@@ -177,3 +185,58 @@ def test_tests_mirror_the_rooms() -> None:
         files_that_are_too_long(Package({str(path): path for path in TESTS.rglob("*.py")}, []))
         == []
     )
+
+
+def paths_of(tree: str) -> list[str]:
+    """The paths of a `use`: `a::{b, c::{d, e}}` has `a::b`, `a::c::d` and `a::c::e`."""
+    tree = re.sub(r"\s+as\s+\w+|\s", "", tree)
+    while inner := re.search(r"([\w:]*)\{([^{}]*)\}", tree):
+        paths = ",".join(inner[1] + path for path in inner[2].split(",") if path)
+        tree = tree.replace(inner[0], paths)
+    return tree.split(",")
+
+
+def files_of_the_core() -> dict[str, set[str]]:
+    """The files that each file imports, through re-exports, by their modules; tests are left out.
+
+    That a file names those of its own folder is no import: there it says of which parts it is made.
+    """
+    texts: dict[str, str] = {}
+    for path in CRATE.rglob("*.rs"):
+        parts = re.findall(r"\w+", str(path.relative_to(CRATE))[:-3])
+        parts = parts[:-1] if parts[-1] in ("mod", "lib") else parts
+        if not any(part.endswith("tests") for part in parts):
+            text = re.sub(r"(?ms)^#\[cfg\(test\)\]\nmod \w+ \{.*?^\}", "", path.read_text("utf-8"))
+            above = "::".join(["crate", *parts[:-1], ""])
+            texts["::".join(parts)] = re.sub("//.*", "", text).replace("super::", above)
+    exports: dict[str, str] = {}
+    imports = {by: re.findall(r"\bcrate::(\w+(?:::\w+)*)", texts[by]) for by in texts}
+    for by, text in texts.items():
+        for public, tree in re.findall(r"(?m)^\s*(pub(?:\(\w+\))? )?use ([^;]+);", text):
+            for used in paths_of(tree):
+                whole = f"{by}::{used}".rpartition("crate::")[2]
+                imports[by].append(whole)
+                if public and file_of(whole, texts, {}) != by:
+                    exports[f"{by}::{used.rpartition('::')[2]}"] = whole
+    found = {by: {file_of(each, texts, exports) for each in imports[by]} for by in texts}
+    return {by: {f for f in found[by] if not f"{f}::".startswith(f"{by}::")} for by in texts}
+
+
+def file_of(path: str, texts: dict[str, str], exports: dict[str, str]) -> str:
+    module = path
+    while module not in texts:
+        module = module.rpartition("::")[0]
+    name = "::".join(path.split("::")[: module.count("::") + 2])
+    if name in exports:
+        return file_of(exports[name] + path.removeprefix(name), texts, exports)
+    return module
+
+
+def test_no_file_of_the_core_imports_itself_through_others() -> None:
+    reached = files_of_the_core()
+    assert len(reached) > 100 and sum(map(len, reached.values())) > 600
+    for between in reached:
+        for file in reached:
+            if between in reached[file]:
+                reached[file] |= reached[between]
+    assert {file for file in reached if file in reached[file]} == CIRCLE_OF_PARTS

@@ -1,4 +1,4 @@
-//! Enumerations whose members have public names, and sets of their members.
+//! Enumerations whose members have public names or numbers, and sets of their members.
 
 /// Declares an enumeration with a table of its members by their public names.
 macro_rules! named {
@@ -49,3 +49,34 @@ macro_rules! set {
     };
 }
 pub(crate) use set;
+
+/// Declares the kinds of a part. The flat array of parameters has the number of the kind.
+macro_rules! numbered {
+    ($(#[$doc:meta])* $name:ident { $(#[$first_doc:meta])* $first:ident, $($(#[$kind_doc:meta])* $kind:ident,)* }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+        pub enum $name {
+            $(#[$first_doc])*
+            #[default]
+            $first,
+            $($(#[$kind_doc])* $kind,)*
+        }
+
+        impl $name {
+            const ALL: &[Self] = &[Self::$first, $(Self::$kind),*];
+
+            pub fn has(number: f64) -> bool {
+                Self::ALL.iter().any(|kind| kind.number() == number)
+            }
+
+            pub fn of(number: f64) -> Self {
+                Self::ALL.iter().copied().find(|kind| kind.number() == number).unwrap_or_default()
+            }
+
+            pub fn number(self) -> f64 {
+                f64::from(self as u8)
+            }
+        }
+    };
+}
+pub(crate) use numbered;

@@ -6,7 +6,7 @@
 //! on the time is a number with derivatives, until the step ends at a time that is fixed: the state jumps by the saltation
 //! matrix.
 
-use crate::driver::sensitivities::Request;
+use crate::driver::request::Request;
 use crate::error::{Error, Result, seconds};
 use crate::formulation::{ContactJump, MAX_COMPONENTS, RunDual, RunDualEquations, States, System};
 use crate::method::{RunDualMethod, Runs, Step, Unsolved, values};

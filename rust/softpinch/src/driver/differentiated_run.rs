@@ -1,14 +1,19 @@
 //! A run with derivatives in some directions: its steps, which are those of the run itself, and what breakpoints and
-//! impulses add to the derivatives. `contact_derivatives.rs` follows the events of unilateral contact.
+//! impulses add to the derivatives; and what is kept of it. `contact_derivatives.rs` follows the events of unilateral contact.
 
 use crate::driver::contact_derivatives::{DualStates, Place, Stepper};
-use crate::driver::sensitivities::{Direction, Kept, Request, Take};
+use crate::driver::request::{COMPONENTS, Direction, Request};
 use crate::error::Result;
-use crate::formulation::{MAX_COMPONENTS, RunDual, RunDualEquations, StageState, System};
+use crate::formulation::{Evaluation, MAX_COMPONENTS, RunDual, RunDualEquations, StageState, System};
 use crate::method::values;
-use crate::model::{Input, Motion, Scene, SegmentDrive, State, VariedParameters, relaxed, unpacked};
+use crate::model::{
+    BILATERAL_WORKS, ContactModel, Contacts, Input, Motion, Scene, SegmentDrive, State, VariedParameters,
+    relaxed, unpacked,
+};
 use crate::number::{LaneTask, Lanes, Real, task};
-use crate::stepping::{Grid, Limits, POLL, Segment, Span, Steps};
+use crate::stepping::{
+    Grid, Limits, Margins, Options, POLL, Segment, Span, Steps, Summaries, Summary, SummaryInstant,
+};
 
 /// A step: its start since the segment's, its length, and the times at its end.
 struct StepTimes {
@@ -263,4 +268,94 @@ impl<R: Lanes> DifferentiatedRun<'_, R> {
         self.equations.system.rates(input, drive, at, &mut rate);
         rate
     }
+}
+
+/// What is kept of a run with its derivatives in some directions.
+pub(super) struct Kept<'a, R> {
+    /// The times of the rows.
+    pub times: &'a [f64],
+    /// For each direction the components of all rows; NaN if they are not taken.
+    pub numbers: &'a mut [f64],
+    pub taken: usize,
+    /// The summaries, if any are wanted, and the run's options.
+    pub summaries: Option<Summaries<RunDual<R>>>,
+    pub options: &'a Options,
+}
+
+impl<R: Lanes> Kept<'_, R> {
+    /// Whether it needs no further instant.
+    pub fn is_full(&self) -> bool {
+        self.taken == self.times.len()
+    }
+
+    /// Whether it wants the instant at this end of a step.
+    #[inline(always)]
+    pub fn wants(&self, time: f64) -> bool {
+        let next = self.times.get(self.taken);
+        next.is_some_and(|&row| row == time || self.summaries.is_some())
+    }
+
+    /// The next row inside a step that ends at `end`.
+    pub fn next_before(&self, end: f64) -> Option<f64> {
+        self.times.get(self.taken).copied().filter(|&time| time < end)
+    }
+
+    /// Leaves out what is missing, because the run cannot be followed to it.
+    pub fn give_up(&mut self) {
+        (self.taken, self.summaries) = (self.times.len(), None);
+    }
+
+    #[inline(always)]
+    fn take(
+        &mut self,
+        time: f64,
+        Place { equations: RunDualEquations { system, .. }, limits, drive, y, .. }: &Place<'_, R>,
+        now: &Evaluation<RunDual<R>>,
+    ) {
+        let zero = RunDual::zero();
+        if let Some(summaries) = &mut self.summaries {
+            let t = RunDual::constant(time);
+            let instant = SummaryInstant { t, now, slipped: zero, closure: zero, half_width: zero };
+            summaries.watch(&instant, R::ALL);
+            if summaries.wanted.set.contains(Summary::Margin) {
+                let &Options { contact, stop_on, .. } = self.options;
+                let contacts = (contact == ContactModel::Unilateral).then_some(&drive.contacts);
+                let seen = R::ALL & summaries.after.at_most(t);
+                let memory = &mut summaries.memory[Summary::Margin as usize];
+                Margins { limits, now, contacts, stop_on, memory, seen }.run();
+            }
+        }
+        if self.times[self.taken] != time {
+            return;
+        }
+        let mut energy = [zero; 3 + BILATERAL_WORKS];
+        let size = system.size();
+        if size.works > 0 {
+            let energies = system.energies(&Contacts::sticking(), &now.motion);
+            energy[..3].copy_from_slice(&[energies.kinetic, energies.elastic, energies.gravity]);
+            energy[3..].copy_from_slice(&y[size.states..][..size.works]);
+        }
+        let row = now.motion.row().into_iter().chain(now.multipliers).chain(now.torque).chain(energy);
+        for (component, number) in row.enumerate() {
+            for (k, own) in self.numbers.chunks_mut(self.times.len() * COMPONENTS).enumerate() {
+                own[self.taken * COMPONENTS + component] = number.direction(k);
+            }
+        }
+        self.taken += 1;
+    }
+
+    /// The derivative of a summary; NaN if it has none, or has seen no instant.
+    pub fn slope(&self, summary: Summary, direction: usize) -> f64 {
+        let Some(Summaries { memory, .. }) = &self.summaries else { return f64::NAN };
+        let memory = memory[summary as usize];
+        let values = memory.map(|number| number.lane(0));
+        summary.slope(values, memory.map(|number| number.direction(direction))).unwrap_or(f64::NAN)
+    }
+}
+
+task! {
+    /// Gives an instant to what is kept.
+    ['a, 's, R: Lanes]
+    Take<'a, 's, R>(kept: &'a mut Kept<'s, R>, time: f64, place: &'a Place<'a, R>, now: &'a Evaluation<RunDual<R>>)
+    for R => () = kept.take(time, place, now)
 }

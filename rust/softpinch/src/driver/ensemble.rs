@@ -6,14 +6,14 @@ use std::borrow::Cow;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use crate::driver::loops::whole_run;
 use crate::driver::threads::share_watched;
 use crate::driver::{Derivatives, require_valid};
 use crate::error::{Error, Result};
 use crate::formulation::Choice;
 use crate::model::{Motion, Parameters, Scene};
 use crate::stepping::{
-    COUNT, Finished, Grid, Options, Recorder, Run, RunLoop, RunQueue, Status, Steps, Taken, VIOLATIONS,
-    reserved,
+    COUNT, Finished, Options, Recorder, Run, RunLoop, RunQueue, Status, Taken, VIOLATIONS, reserved,
 };
 
 /// The result of one run of an ensemble.
@@ -175,13 +175,4 @@ pub(super) fn in_lanes(shared: &Shared<'_>, compute: impl FnOnce(RunLoop<'_>) ->
     let queue = RunQueue { take: &mut take, stops, finish: &mut finish, recorder };
     compute(RunLoop { queue, grid: &whole_run(options), options, scene: &first })?;
     Ok(rows)
-}
-
-/// The times of the steps of a run from its start to its end, in equal steps.
-pub(crate) fn whole_run(options: &Options) -> impl Fn(usize, &Scene) -> Result<Grid> + '_ {
-    // Adaptive steps have no such times, and do not ask for them.
-    let dt = if let Steps::Fixed(dt) = options.steps { dt } else { f64::NAN };
-    move |_, Scene { inputs, initial, duration, .. }| {
-        Grid::new(inputs, initial, *duration, dt, options.refine)
-    }
 }

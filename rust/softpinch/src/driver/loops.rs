@@ -1,12 +1,12 @@
-//! The choice of the step loop for runs: in lanes, compiled for each SIMD level, or one run after the other.
+//! The choice of the step loop for runs: in lanes, compiled for each SIMD level, or one run after the other. Equal
+//! steps need a grid of times, free steps a method that estimates its error.
 
-use crate::driver::simulate::adaptive;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::formulation::{EquationKind, Inlined, Unilateral, with};
-use crate::method::{MakeInLanes, Method, Rk4, Rk4InLanes, Runs};
-use crate::model::{ContactModel, Fingers};
+use crate::method::{METHODS, MakeAdaptiveMethod, MakeInLanes, Method, Rk4, Rk4InLanes, Runs};
+use crate::model::{ContactModel, Fingers, Scene};
 use crate::number::{LaneKernel, Lanes, Real, call_four_lanes, dispatch_lanes};
-use crate::stepping::{AdaptiveSteps, EqualSteps, LoopSystem, Options, RunLoop, Steps};
+use crate::stepping::{AdaptiveSteps, EqualSteps, Grid, LoopSystem, Options, RunLoop, Steps};
 
 impl RunLoop<'_> {
     /// Computes the runs in lanes, if the steps of the method have lanes.
@@ -80,5 +80,24 @@ impl LaneKernel for RunLoop<'_> {
                 self.alone()
             }
         }
+    }
+}
+
+/// The method as one that chooses the length of its steps. The error lists the methods that do.
+pub(super) fn adaptive(method: Method) -> Result<MakeAdaptiveMethod> {
+    method.entry().adaptive.ok_or_else(|| {
+        let adaptive = METHODS.iter().filter(|(_, method)| method.entry().adaptive.is_some());
+        let names: Vec<_> = adaptive.map(|(name, _)| format!("{name:?}")).collect();
+        let allowed = names.join(", ") + " where tolerance is given: only they estimate their error";
+        Error::unknown("method", method.name(), allowed)
+    })
+}
+
+/// The times of the steps of a run from its start to its end, in equal steps.
+pub(super) fn whole_run(options: &Options) -> impl Fn(usize, &Scene) -> Result<Grid> + '_ {
+    // Adaptive steps have no such times, and do not ask for them.
+    let dt = if let Steps::Fixed(dt) = options.steps { dt } else { f64::NAN };
+    move |_, Scene { inputs, initial, duration, .. }| {
+        Grid::new(inputs, initial, *duration, dt, options.refine)
     }
 }

@@ -4,6 +4,7 @@ mod contact_derivatives;
 mod differentiated_run;
 pub(crate) mod ensemble;
 mod loops;
+pub(crate) mod request;
 pub(crate) mod sensitivities;
 pub(crate) mod simulate;
 pub(crate) mod simulator;
@@ -12,9 +13,8 @@ pub(crate) mod tests;
 mod threads;
 
 pub use ensemble::{Row, derivatives, ensemble};
-pub use sensitivities::{
-    COMPONENTS, Derivatives, Direction, DirectionEnd, QUANTITIES, Request, Shift, sensitivities,
-};
+pub use request::{COMPONENTS, Derivatives, Direction, DirectionEnd, QUANTITIES, Request, Shift};
+pub use sensitivities::sensitivities;
 pub(crate) use simulate::require_valid;
 pub use simulate::{Outline, check, outline, simulate, stability_warning};
 pub use simulator::{Observed, Simulator};

@@ -2,10 +2,9 @@
 
 use std::borrow::Cow;
 
-use crate::driver::ensemble::whole_run;
+use crate::driver::loops::{adaptive, whole_run};
 use crate::error::{Error, Result, require};
 use crate::formulation::{Contact, Formulation};
-use crate::method::{METHODS, MakeAdaptiveMethod, Method};
 use crate::model::{
     BILATERAL_WORKS, CONTACT_WORKS, ContactModel, Fingers, Mode, Rule, Sampled, Scene, Stabilization, WORKS,
     require_consistent, require_held, require_scheduled,
@@ -160,16 +159,6 @@ fn require_unilateral(scene: &Scene, options: &Options) -> Result {
         require_held(&scene.parameters, &scene.initial.motion.q, &scene.initial.motion.p, held)?;
     }
     Ok(())
-}
-
-/// The method as one that chooses the length of its steps. The error lists the methods that do.
-pub(super) fn adaptive(method: Method) -> Result<MakeAdaptiveMethod> {
-    method.entry().adaptive.ok_or_else(|| {
-        let adaptive = METHODS.iter().filter(|(_, method)| method.entry().adaptive.is_some());
-        let names: Vec<_> = adaptive.map(|(name, _)| format!("{name:?}")).collect();
-        let allowed = names.join(", ") + " where tolerance is given: only they estimate their error";
-        Error::unknown("method", method.name(), allowed)
-    })
 }
 
 /// How many numbers a row of the recording has in each column; zero in those that are not recorded.

@@ -15,7 +15,7 @@ use crate::driver::threads::share;
 use crate::error::{Error, Result, require, require_at_most};
 use crate::formulation::{Contact, System};
 use crate::model::{ContactModel, Held, Motion, Rule, Scene, State};
-use crate::number::MOST;
+use crate::number::{MOST, inlined};
 use crate::stepping::{
     ContactRun, Finished, Grid, Instant, LaneContact, LaneController, MOST_STEPS, Options, Recorder, Run,
     RunLoop, RunQueue, Span, Status, Steps, Taken, round_off,
@@ -67,24 +67,15 @@ impl Simulator {
         Ok(Self { how, environments, runs, pool })
     }
 
-    /// Number of runs.
-    pub fn runs(&self) -> usize {
-        self.environments.len()
-    }
-
-    /// What was last seen of a run.
-    pub fn observed(&self, run: usize) -> &Observed {
-        &self.environments[run].observed
-    }
-
-    /// The scene of a run, whose initial state is the present one, from which another run can go on.
-    pub fn scene(&self, run: usize) -> &Scene {
-        &self.environments[run].scene
-    }
-
-    /// The end of the last period of a run, s, at which a violation may have kept the run from arriving.
-    pub fn end(&self, run: usize) -> f64 {
-        self.environments[run].until
+    inlined! {
+        /// Number of runs.
+        pub runs(&self) -> usize = self.environments.len();
+        /// What was last seen of a run.
+        pub observed(&self, run: usize) -> &Observed = &self.environments[run].observed;
+        /// The scene of a run, whose initial state is the present one, from which another run can go on.
+        pub scene(&self, run: usize) -> &Scene = &self.environments[run].scene;
+        /// The end of the last period of a run, s, at which a violation may have kept the run from arriving.
+        pub end(&self, run: usize) -> f64 = self.environments[run].until;
     }
 
     /// Puts a run back to its start, or to the start of another run from `state`. There is no external force

@@ -4,7 +4,7 @@
 use std::fmt::Debug;
 
 use crate::formulation::contact_solve::Load;
-use crate::formulation::{Response, Size, constrained, response};
+use crate::formulation::{Response, constrained, response};
 use crate::model::{
     Any, Applied, BILATERAL_WORKS, CONTACT_WORKS, Contacts, Coordinates, Energies, Forces, Geometry, Input,
     Motion, Parts, Plant, RELAXATIONS, each_coordinate, work,
@@ -18,8 +18,49 @@ pub const MAX_COMPONENTS: usize = 32;
 /// A state as the integrators see it. Its components are, in this order: one coordinate for each degree of
 /// freedom; the rates of these coordinates; quantities that depend on both and drive the rates (shears, branches of tips,
 /// controllers' memories); the works of the ledger if it is carried, and the distance of slips in unilateral contact, which
-/// drive nothing. The system's [`Size`](super::system::Size) has the number of each. Zeros fill the rest.
+/// drive nothing. The system's [`Size`] has the number of each. Zeros fill the rest.
 pub type States<R> = [R; MAX_COMPONENTS];
+
+/// The numbers of components of a state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    pub states: usize,
+    /// Number of coordinates among these states. The coordinates come first, and their rates follow.
+    pub degrees: usize,
+    /// Number of works of the ledger that follow the states; 0 if the state does not carry them.
+    pub works: usize,
+    /// One if the distance of slips follows the works, else zero.
+    pub slips: usize,
+    /// Number of states of Maxwell branches, which are among the states.
+    pub relaxations: usize,
+}
+
+/// Number of components that are computed together.
+pub const BLOCK: usize = 4;
+
+impl Size {
+    inlined! {
+        pub all(self) -> usize = self.states + self.works + self.slips;
+        pub blocks(self) -> usize = self.all().div_ceil(BLOCK).min(MAX_COMPONENTS / BLOCK);
+    }
+
+    /// The distance of slips in a state; zero if it does not carry it.
+    #[inline(always)]
+    pub fn slipped<R: Real>(self, y: &States<R>) -> R {
+        if self.slips > 0 { y[self.all() - 1] } else { R::zero() }
+    }
+
+    /// Calls `work` for each component of a state, and for the zeros that fill the last block. The length of
+    /// a block is known at compile time.
+    #[inline(always)]
+    pub fn each(self, mut work: impl FnMut(usize)) {
+        for block in 0..self.blocks() {
+            for k in 0..BLOCK {
+                work(BLOCK * block + k);
+            }
+        }
+    }
+}
 
 /// What a state carries beside the motion.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -26,13 +26,15 @@ pub(crate) use constrained::constrained;
 pub(crate) use contact_equations::ContactEquations;
 pub(crate) use contact_solve::{Response, response};
 pub(crate) use csm::Csm;
-pub(crate) use equations::{Carried, Equations, Evaluation, MAX_COMPONENTS, States, Terms, for_fingers};
+pub(crate) use equations::{
+    BLOCK, Carried, Equations, Evaluation, MAX_COMPONENTS, Size, States, Terms, for_fingers,
+};
 pub(crate) use inlined::Inlined;
 pub(crate) use jumps::{ApplyJump, ContactJump};
 pub(crate) use mode_selection::{Chosen, Contact, choose, contacts_in};
 pub(crate) use run_dual::{RunDual, RunDualEquations};
 pub(crate) use scene_equations::{Choice, EquationKind, InputAt, SceneEquations, with};
-pub(crate) use system::{BLOCK, Jacobian, Linear, Size, StageState, System};
+pub(crate) use system::{StageState, System};
 pub use table::{FORMULATIONS, Formulation};
-pub(crate) use tangent::{LaneParameters, Runs, Seeded, Tangent};
+pub(crate) use tangent::{Jacobian, LaneParameters, Linear, Runs, Seeded, Tangent};
 pub(crate) use unilateral::Unilateral;

@@ -5,13 +5,42 @@ use std::marker::PhantomData;
 use crate::formulation::equations::{evaluated, size_of};
 use crate::formulation::scene_equations::{Load, for_fingers_of};
 use crate::formulation::{
-    Carried, Choice, EquationKind, Equations, Evaluation, Jacobian, Linear, MAX_COMPONENTS, SceneEquations,
-    States, System, Unilateral, for_fingers, with,
+    Carried, Choice, EquationKind, Equations, Evaluation, MAX_COMPONENTS, SceneEquations, States, System,
+    Unilateral, for_fingers, with,
 };
 use crate::model::{Constants, Contacts, FrameMotion, Input, Parameters, SegmentDrive, Stabilization};
 use crate::number::{
     Dual, LaneKernel, LaneTask, Lanes, Lift, MOST, Real, call_four_lanes, gathered, spread, task,
 };
+
+/// The derivatives of a system's rates with respect to its states and to time.
+pub trait Linear<R: Lanes> {
+    /// Writes the Jacobian at time `tau` of a segment and state `y`. The zeros that fill it are left as they are.
+    fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
+
+    fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R> {
+        let mut jacobian = Jacobian::zero();
+        self.jacobian_into(drive, tau, y, &mut jacobian);
+        jacobian
+    }
+
+    /// Renews what depends on the runs, after some runs have changed.
+    fn renew(&mut self, _runs: Runs<'_>) {}
+}
+
+/// The derivatives of a system's rates with respect to its states and to time.
+#[derive(Debug, Clone, Copy)]
+pub struct Jacobian<R = f64> {
+    /// Row by row. The column after the states is the derivative with respect to time.
+    pub(crate) rows: [[R; MAX_COMPONENTS]; MAX_COMPONENTS],
+}
+
+impl<R: Lanes> Jacobian<R> {
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self { rows: [[R::zero(); MAX_COMPONENTS]; MAX_COMPONENTS] }
+    }
+}
 
 /// How many directions are computed at once in lanes of several runs. With three no direction is left over: there are 21, 15
 /// or 9 with that of time.

@@ -1,5 +1,8 @@
-//! The methods as step loops call them. The loops do not know which method they call, so that each loop is compiled once,
-//! and so is each step of a method, whatever calls it: a loop, the search for an event, or a run with derivatives.
+//! The methods as step loops call them, and the entry with which each states its properties. The loops do not know which
+//! method they call, so that each loop is compiled once, and so is each step of a method, whatever calls it: a loop, the
+//! search for an event, or a run with derivatives.
+
+use nalgebra::Complex;
 
 use crate::formulation::{Runs, SceneEquations, States, System};
 use crate::method::{Adaptive, Integrator, Stats, Step, StepResult};
@@ -8,6 +11,28 @@ use crate::number::{Bits, LaneTask, Lanes, inlined, task};
 
 pub type AnyMethod<R = f64> = Box<dyn Integrator<R, SceneEquations<R>> + Send + Sync>;
 pub type AnyAdaptiveMethod<R = f64> = Box<dyn Adaptive<R, SceneEquations<R>> + Send + Sync>;
+
+/// Makes a method of a single run that chooses the length of its steps, before its first step.
+pub type MakeAdaptiveMethod = fn(Runs<'_>, &SceneEquations<f64>) -> AnyAdaptiveMethod;
+
+pub struct MethodEntry {
+    /// Its order: the error falls with this power of the step if nothing is stiff.
+    pub order: u32,
+    /// The end of its stability region on the negative real axis, without its sign; `None` if there is none.
+    pub real_stability_limit: Option<f64>,
+    /// R(z): the factor by which a step of length h multiplies a mode of eigenvalue z / h.
+    pub stability_function: fn(Complex<f64>) -> Complex<f64>,
+    /// Whether its steps keep a Jacobian for the steps that follow.
+    pub keeps_jacobian: bool,
+    /// Makes the method of a single run, before its first step, for the equations of the run.
+    pub alone: fn(Runs<'_>, &SceneEquations<f64>) -> AnyMethod,
+    /// Makes the method as one that chooses the length of its steps, if it estimates its error.
+    pub adaptive: Option<MakeAdaptiveMethod>,
+    /// The error estimate grows with this power of the length of the step; zero if there is none.
+    pub error_order: f64,
+    /// Growth by a smaller factor than this does not change the length of the step.
+    pub min_growth: f64,
+}
 
 /// A method whose computations are called, each compiled with the instructions of the lanes.
 pub struct Called<M>(pub(super) M);

@@ -247,8 +247,9 @@ mod tests {
     use super::*;
     use crate::formulation::equations::Carried;
     use crate::formulation::scene_equations::{Choice, SceneEquations};
-    use crate::formulation::system::{Linear, System};
+    use crate::formulation::system::System;
     use crate::formulation::table::Formulation;
+    use crate::formulation::tangent::Linear;
     use crate::formulation::tangent::{Runs, Tangent};
     use crate::model::contact::Side;
     use crate::model::contact_modes::ContactModel;

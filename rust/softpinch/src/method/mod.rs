@@ -23,7 +23,7 @@ pub(crate) mod traits;
 mod tests;
 
 pub(crate) use crate::formulation::Runs;
-pub(crate) use called::{AnyAdaptiveMethod, AnyMethod, Called};
+pub(crate) use called::{AnyAdaptiveMethod, AnyMethod, Called, MakeAdaptiveMethod, MethodEntry};
 pub(crate) use dop853::Dop853;
 pub(crate) use linearize::{Factors, Linearization};
 pub(crate) use newton::{Iteration, Newton, Problem, Scheme, Solved};
@@ -33,5 +33,4 @@ pub(crate) use run_dual::{RunDualMethod, values};
 pub(crate) use step_control::StepControl;
 pub(crate) use table::MakeInLanes;
 pub use table::{METHODS, Method};
-pub(crate) use table::{MakeAdaptiveMethod, MethodEntry};
 pub(crate) use traits::{Adaptive, Allowed, Integrator, Stats, Step, StepResult, Unsolved, largest};

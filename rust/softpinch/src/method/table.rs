@@ -1,9 +1,9 @@
-//! The table of the methods, the entry with which each states its properties, and the methods that can be made for lanes.
+//! The table of the methods, and those that can be made for lanes.
 
 use nalgebra::{Complex, ComplexField};
 
 use crate::formulation::{Runs, SceneEquations, System, Tangent};
-use crate::method::{AnyAdaptiveMethod, AnyMethod, Called, Dop853, Rosenbrock};
+use crate::method::{AnyAdaptiveMethod, Called, Dop853, MethodEntry, Rosenbrock};
 use crate::method::{dop853, implicit_midpoint, radau5, rk4, rosenbrock};
 use crate::names::named;
 use crate::number::{LaneEntry, LaneTask, Lanes, task};
@@ -23,28 +23,6 @@ named! {
         /// Rodas4P2, linearly implicit, of order four.
         Rosenbrock = "rosenbrock",
     }
-}
-
-/// Makes a method of a single run that chooses the length of its steps, before its first step.
-pub type MakeAdaptiveMethod = fn(Runs<'_>, &SceneEquations<f64>) -> AnyAdaptiveMethod;
-
-pub struct MethodEntry {
-    /// Its order: the error falls with this power of the step if nothing is stiff.
-    pub order: u32,
-    /// The end of its stability region on the negative real axis, without its sign; `None` if there is none.
-    pub real_stability_limit: Option<f64>,
-    /// R(z): the factor by which a step of length h multiplies a mode of eigenvalue z / h.
-    pub stability_function: fn(Complex<f64>) -> Complex<f64>,
-    /// Whether its steps keep a Jacobian for the steps that follow.
-    pub keeps_jacobian: bool,
-    /// Makes the method of a single run, before its first step, for the equations of the run.
-    pub alone: fn(Runs<'_>, &SceneEquations<f64>) -> AnyMethod,
-    /// Makes the method as one that chooses the length of its steps, if it estimates its error.
-    pub adaptive: Option<MakeAdaptiveMethod>,
-    /// The error estimate grows with this power of the length of the step; zero if there is none.
-    pub error_order: f64,
-    /// Growth by a smaller factor than this does not change the length of the step.
-    pub min_growth: f64,
 }
 
 task! {

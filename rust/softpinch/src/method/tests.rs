@@ -2,8 +2,9 @@
 
 use nalgebra::{Complex, ComplexField};
 
-use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, States};
-use crate::formulation::system::{Jacobian, Linear, Size, StageState, System};
+use crate::formulation::equations::{Evaluation, MAX_COMPONENTS, Size, States};
+use crate::formulation::system::{StageState, System};
+use crate::formulation::tangent::{Jacobian, Linear};
 use crate::method::dop853::Dop853;
 use crate::method::implicit_midpoint::ImplicitMidpoint;
 use crate::method::linearize::Factors;

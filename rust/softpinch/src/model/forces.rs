@@ -4,10 +4,10 @@ use crate::model::contact::Side;
 use crate::model::contact::law::{self, Tip};
 use crate::model::control::Controller;
 use crate::model::{
-    BILATERAL_WORKS, Coordinates, ElasticGradient, Energies, Fingers, FrameLoads, Geometry, Input,
-    MechanismKind, Motion, Parts, RELAXATIONS, Relaxing, Source, each_coordinate,
+    BILATERAL_WORKS, Coordinates, ElasticGradient, Energies, Fingers, FrameLoads, FrameMotion, Geometry,
+    Input, MechanismKind, Motion, Parts, RELAXATIONS, Relaxing, Source, each_coordinate,
 };
-use crate::number::{LaneTask, Real, dot, task};
+use crate::number::{LaneTask, Real, dot, signed, task};
 
 /// The physics of a scene in the form that the kernel needs: lengths, stiffnesses, masses and controllers.
 #[derive(Debug, Clone, Copy)]
@@ -36,8 +36,8 @@ pub struct Plant<R> {
     /// Gravity's torques on the fingers, as [`FrameLoads::fingers`] has forces; zero if the hand moves.
     finger_weights: [[R; 3]; 2],
     /// For a hand that moves: g, and M_i, L_i and W_i of both fingers.
-    pub(super) gravity: R,
-    pub(super) links: [[R; 3]; 2],
+    gravity: R,
+    links: [[R; 3]; 2],
     pub moves: bool,
     pub branches: usize,
 }
@@ -331,6 +331,44 @@ impl<R: Real> Plant<R> {
             self.masses.finger[0].mul_add(acceleration[0], -others[0]),
             self.masses.finger[1].mul_add(acceleration[1], -others[1]),
         ]
+    }
+
+    /// The forces of the frame's motion, (M1) to (M4) of `frame.rs`, with `force` along fixed axes on the object added, for
+    /// the object's coordinates (x, y, theta) and their rates, on which they depend only while the frame turns.
+    #[inline(always)]
+    pub fn loads(&self, frame: &FrameMotion<R>, force: &[R; 3], q: [R; 3], p: [R; 3]) -> FrameLoads<R> {
+        let ([x, y, _], [u, v, _], [mass, _, inertia]) = (q, p, self.masses.object);
+        let [ax, ay] = frame.felt(self.gravity);
+        let (mut along, mut across, mut moment) = (ax, ay, R::zero());
+        let mut fingers = [[R::zero(); 3]; 2];
+        for (i, [sin, cos, constant]) in fingers.iter_mut().enumerate() {
+            let [mass, length, root_offset] = self.links[i];
+            if let Some(jaw) = self.sides[i].jaw() {
+                (*sin, *constant) = jaw.drawn(i, mass, [ax, ay], frame.turning);
+                continue;
+            }
+            // In the order of the weights' products, so that an acceleration upwards has the bits of a gravity.
+            (*sin, *cos) = (mass * ay * length, -signed(i, mass * ax * length));
+            if let Some([omega, omega_rate]) = frame.turning {
+                let (lever, turned) = ((mass * root_offset) * length, signed(i, omega_rate));
+                (*sin, *cos) = (turned.neg_mul_add(lever, *sin), (omega * omega).neg_mul_add(lever, *cos));
+                *constant = turned * self.masses.finger[i];
+            }
+        }
+        if let Some([omega, omega_rate]) = frame.turning {
+            let (square, twice) = (omega * omega, omega + omega);
+            along = along - omega_rate.dot2(y, twice, v) - square * x;
+            across = across + omega_rate.dot2(x, twice, u) - square * y;
+            moment = -(inertia * omega_rate);
+        }
+        let object = [-(mass * along), -(mass * across), moment];
+        let [x, y] = frame.in_hand_axes([force[0], force[1]]);
+        FrameLoads {
+            force: [x + object[0], y + object[1], force[2] + object[2]],
+            fingers,
+            object,
+            outside: [x, y],
+        }
     }
 }
 

@@ -18,8 +18,7 @@
 //! which its mass is thought has no Coriolis force either along its circle. A jaw of the mass M_i has the component of the
 //! same forces along its travel.
 
-use crate::model::Plant;
-use crate::number::{Real, signed};
+use crate::number::Real;
 
 #[derive(Debug, Clone, Copy)]
 pub struct FrameMotion<R> {
@@ -67,46 +66,6 @@ impl<R: Real> FrameMotion<R> {
         let Self { acceleration, sin, cos, turning } = *self;
         let turning = turning.map(|rates| rates.map(&to));
         FrameMotion { acceleration: acceleration.map(&to), sin: to(sin), cos: to(cos), turning }
-    }
-}
-
-impl<R: Real> Plant<R> {
-    /// The forces of the frame's motion, (M1) to (M4), with `force` along fixed axes on the object added, for the object's
-    /// coordinates (x, y, theta) and their rates, on which they depend only while the frame turns.
-    #[inline(always)]
-    pub fn loads(&self, frame: &FrameMotion<R>, force: &[R; 3], q: [R; 3], p: [R; 3]) -> FrameLoads<R> {
-        let ([x, y, _], [u, v, _], [mass, _, inertia]) = (q, p, self.masses.object);
-        let [ax, ay] = frame.felt(self.gravity);
-        let (mut along, mut across, mut moment) = (ax, ay, R::zero());
-        let mut fingers = [[R::zero(); 3]; 2];
-        for (i, [sin, cos, constant]) in fingers.iter_mut().enumerate() {
-            let [mass, length, root_offset] = self.links[i];
-            if let Some(jaw) = self.sides[i].jaw() {
-                (*sin, *constant) = jaw.drawn(i, mass, [ax, ay], frame.turning);
-                continue;
-            }
-            // In the order of the weights' products, so that an acceleration upwards has the bits of a gravity.
-            (*sin, *cos) = (mass * ay * length, -signed(i, mass * ax * length));
-            if let Some([omega, omega_rate]) = frame.turning {
-                let (lever, turned) = ((mass * root_offset) * length, signed(i, omega_rate));
-                (*sin, *cos) = (turned.neg_mul_add(lever, *sin), (omega * omega).neg_mul_add(lever, *cos));
-                *constant = turned * self.masses.finger[i];
-            }
-        }
-        if let Some([omega, omega_rate]) = frame.turning {
-            let (square, twice) = (omega * omega, omega + omega);
-            along = along - omega_rate.dot2(y, twice, v) - square * x;
-            across = across + omega_rate.dot2(x, twice, u) - square * y;
-            moment = -(inertia * omega_rate);
-        }
-        let object = [-(mass * along), -(mass * across), moment];
-        let [x, y] = frame.in_hand_axes([force[0], force[1]]);
-        FrameLoads {
-            force: [x + object[0], y + object[1], force[2] + object[2]],
-            fingers,
-            object,
-            outside: [x, y],
-        }
     }
 }
 

@@ -23,10 +23,11 @@ pub(crate) mod scene;
 pub(crate) mod source;
 pub mod start;
 
+pub(crate) use crate::names::numbered;
 pub(crate) use contact::law::{ElasticGradient, RELAXATIONS, Relaxing};
 pub(crate) use contact::mechanism::MechanismKind;
 pub(crate) use contact::shape::{Counterface, Frame, ShapeKind, Surface};
-pub(crate) use contact::{Any, Contact, Others, Papers, Parts, numbered};
+pub(crate) use contact::{Any, Contact, Others, Papers, Parts};
 pub use contact_modes::{CONTACT_MODELS, CONTACT_MODES, ContactModel, ContactRow};
 pub(crate) use contact_modes::{Contacts, Mode, Slip};
 pub use control::{FINGERS, Fingers};

@@ -351,12 +351,6 @@ impl Parameters {
         })
     }
 
-    /// Whether all parts are the paper's.
-    #[inline]
-    pub fn has_the_papers_parts(&self) -> bool {
-        self.has_the_papers_geometry() && self.has_the_papers_laws()
-    }
-
     /// Takes the kinds of other parameters, whose derivatives these are.
     pub(crate) fn of_the_kinds(mut self, other: &Self) -> Self {
         for i in 0..2 {

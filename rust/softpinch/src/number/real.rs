@@ -79,19 +79,6 @@ macro_rules! operators {
 }
 pub(crate) use operators;
 
-/// The elementary functions of [`Real`] that are computed alike in all lanes.
-macro_rules! elementary {
-    () => {
-        $crate::number::real::inlined! {
-            sin_cos(self) -> (Self, Self) = $crate::number::trigonometry::sin_cos(self);
-            angle(self, cos: Self) -> Self = $crate::number::powers::angle(self, cos);
-            power(self, n: Self) -> Self = $crate::number::powers::power(self, n);
-            ln(self) -> Self = $crate::number::powers::ln(self);
-        }
-    };
-}
-pub(crate) use elementary;
-
 /// Numbers that take the numbers `R` as constants: these themselves, or dual numbers of them.
 pub trait Lift<R>: Real {
     /// The constant.

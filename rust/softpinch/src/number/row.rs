@@ -2,8 +2,9 @@
 
 use std::ops::Neg;
 
-use crate::number::real::{elementary, inlined, operators};
-use crate::number::{Bits, Compose, LaneTask, Lanes, Real};
+use crate::number::real::operators;
+use crate::number::trigonometry::elementary;
+use crate::number::{Bits, Compose, LaneTask, Lanes, Real, inlined};
 
 /// Four lanes in an array, for any processor. The compiler chooses the vector instructions.
 #[derive(Debug, Clone, Copy)]

@@ -1,8 +1,8 @@
 //! `f64` as the number type of one run, and as lanes of width one.
 
-use crate::number::real::{elementary, inlined};
 use crate::number::simd::dispatch::call_alone;
-use crate::number::{Bits, Compose, LaneTask, Lanes, Real};
+use crate::number::trigonometry::elementary;
+use crate::number::{Bits, Compose, LaneTask, Lanes, Real, inlined};
 
 impl Compose for f64 {}
 

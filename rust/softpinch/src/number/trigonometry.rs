@@ -12,6 +12,19 @@
 use crate::number::powers::ROUNDER;
 use crate::number::{Bits, LaneTask, Lanes, Real, each, task};
 
+/// The elementary functions of [`Real`] that are computed alike in all lanes.
+macro_rules! elementary {
+    () => {
+        $crate::number::real::inlined! {
+            sin_cos(self) -> (Self, Self) = $crate::number::trigonometry::sin_cos(self);
+            angle(self, cos: Self) -> Self = $crate::number::powers::angle(self, cos);
+            power(self, n: Self) -> Self = $crate::number::powers::power(self, n);
+            ln(self) -> Self = $crate::number::powers::ln(self);
+        }
+    };
+}
+pub(crate) use elementary;
+
 /// Largest |x| that the three-part reduction serves: k = x / (pi/2) stays below 2^28, far from the size at
 /// which k times the truncation error of pi/2 would show.
 pub const REDUCIBLE: f64 = 268_435_456.0;

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 
 use crate::error::Result;
 use crate::formulation::{
-    Choice, Equations, Evaluation, Inlined, InputAt, LaneParameters, SceneEquations, States, System,
+    Choice, Equations, Evaluation, Inlined, LaneParameters, SceneEquations, Size, States, System,
 };
 use crate::method::{Integrator, Runs, Stats};
 use crate::model::energy;
@@ -19,9 +19,9 @@ use crate::stepping::monitor::{Margins, explain};
 use crate::stepping::phase::Phases;
 use crate::stepping::summary::RunEnd;
 use crate::stepping::{
-    End, EventResult, GridOf, Instant, LaneContact, LaneController, Limits, Moment, Options, Phase,
-    Recordable, Recorder, Recording, Run, Status, Steps, Summaries, Summary, SummaryInstant, SummarySet,
-    VIOLATIONS, Violation, ViolationSet, all_finite, column, put,
+    End, GridOf, Instant, LaneContact, LaneController, Limits, Options, Phase, Recordable, Recorder,
+    Recording, Run, Status, Steps, Summaries, Summary, SummaryInstant, SummarySet, VIOLATIONS, Violation,
+    ViolationSet, all_finite, watched,
 };
 
 /// A closure error of the ledger below this share of the energy of gravity, whose zero is arbitrary, is round-off. So is
@@ -173,10 +173,8 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
             }
             return Ok(false);
         };
-        if !scene.parameters.has_the_papers_parts() {
-            // Lanes without a run must have the kinds of the others.
-            self.resting = Parameters::default().of_the_kinds(&scene.parameters);
-        }
+        // Lanes without a run must have the kinds of the others.
+        self.resting = Parameters::default().of_the_kinds(&scene.parameters);
         let place = place(number, &scene)?;
         let initial = &scene.initial;
         put_motion(&mut self.start, lane, &initial.motion);
@@ -363,6 +361,17 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         Seen { finite, ended: ended | unstable, unstable, found }
     }
 
+    /// The violations of unilateral contact at an instant, with those that events have shown before it.
+    #[inline(always)]
+    fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
+        let mut found = self.limits.violated(now, Some(&self.drive.contacts));
+        for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
+            *found |= *occurred & watched;
+            *occurred &= !watched;
+        }
+        found
+    }
+
     /// Those of the `guarded` lanes whose energy ledger is open by more than the energy that their motion was ever
     /// given: at its start, by torques, forces and impulses, and by gravity. Steps beyond the stability limit create
     /// energy from nothing; steps within it leave the ledger open by a small share of what the motion exchanges.
@@ -417,33 +426,19 @@ impl<'a, R: Lanes, P> LaneBatch<'a, R, P> {
         Some((Status::of(violation), explain(&run.scene.parameters, violation, begins, &instant)))
     }
 
-    /// Applies the impulses at time `t` to the state of a lane, `tau` after the start of its segment and before a step of
-    /// length `h`. Returns whether there were any. In unilateral contact they may end the run.
-    pub(super) fn strike(
-        &mut self,
-        system: &SceneEquations<R>,
+    /// An instant of the run in a lane, as evaluated at the state `y`.
+    #[inline(always)]
+    pub fn instant(
+        &self,
         lane: usize,
-        (t, tau, h): (f64, R, f64),
-        y: &mut States<R>,
-    ) -> EventResult<bool> {
-        let Some(run) = &self.runs[lane] else { return Ok(false) };
-        if run.scene.inputs.impulses_at(t).next().is_none() {
-            return Ok(false);
-        }
-        if self.unilateral {
-            let at = Moment { earlier: false, tau: tau.lane(lane), h, y: &column(y, lane) };
-            if let Some(struck) = self.act(lane, |contact, scene| contact.strike(&at, (scene, t))) {
-                put(y, lane, &struck?);
-            }
-            return Ok(true);
-        }
-        let input = R::outlined(InputAt { drive: &self.drive, tau });
-        for impulse in run.scene.inputs.impulses_at(t) {
-            let mut jumped = *y;
-            system.jump(&input, &mut jumped, &impulse.map(R::constant));
-            put(y, lane, &column(&jumped, lane));
-        }
-        Ok(true)
+        size: Size,
+        (now, y): (&Evaluation<R>, &States<R>),
+        t: f64,
+        grid: (f64, u64),
+    ) -> Instant {
+        let run = self.runs[lane].as_ref().filter(|_| self.unilateral);
+        let contact = run.and_then(|run| run.contact.as_ref()).map(|contact| contact.row());
+        watched(size, (lane, contact), now, y, t, grid)
     }
 
     /// Gathers the motions that `of` gives for the parameters of each lane's run.

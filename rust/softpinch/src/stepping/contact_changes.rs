@@ -1,9 +1,11 @@
-//! The changes of the contacts' modes: what happens at an event, and the choice of the next modes.
+//! The changes of the contacts' modes: a step with all its events, what happens at an event, and the choice of the next modes.
 
-use crate::formulation::{Chosen, ContactJump, Equations, choose, contacts_in};
+use crate::formulation::{Chosen, ContactJump, Equations, States, choose, contacts_in};
 use crate::model::{Coordinates, Mode, Motion, Slip, each_coordinate, work};
+use crate::stepping::event_search::SLIVER;
 use crate::stepping::{
-    Cause, Change, Event, EventResult, EventStepper, Loss, Passage, Reason, SegmentState, Violation,
+    Cause, Change, Event, EventResult, EventStepper, Loss, MOST_EVENTS, Passage, Reason, SegmentState,
+    Violation,
 };
 
 /// The share of a step after which the choice of modes is checked on a border.
@@ -77,6 +79,31 @@ impl EventStepper<'_> {
         self.collide(place, &mut motion, impulse);
         self.store(place, &motion);
         self.begin(place)
+    }
+
+    /// The state at the end of a step, after all events in it. `arrived` is the state without any. The modes of the
+    /// drive are those at the end.
+    pub fn advance(&mut self, from: SegmentState, arrived: &States<f64>) -> EventResult<States<f64>> {
+        let (mut place, mut rest, mut arrived) = (from, self.h, *arrived);
+        let end = place.tau + self.h;
+        for _ in 0..=MOST_EVENTS {
+            let Some((length, event)) = self.earliest(&place, (rest, &arrived))? else {
+                return Ok(arrived);
+            };
+            let y = self.step_from(&place, length)?;
+            place = SegmentState { tau: if length < rest { place.tau + length } else { end }, y };
+            self.run.log.push(Passage::Step(length, event));
+            self.happen(&mut place, event)?;
+            rest = end - place.tau;
+            if rest <= 0.0 {
+                return Ok(place.y);
+            }
+            arrived = self.step_from(&place, rest)?;
+            if rest <= SLIVER * self.h {
+                return Ok(arrived);
+            }
+        }
+        Err(place.end(Reason::Chattering))
     }
 
     /// Lets an event happen: velocities jump where it is an impact, and the modes are chosen anew.

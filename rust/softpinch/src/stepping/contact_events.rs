@@ -1,11 +1,9 @@
-//! The events that end the modes of unilateral contact, and the ends of runs at them.
+//! The events that end the modes of unilateral contact, and the changes of the modes.
 
-use crate::formulation::{Contact, ContactJump, States, contacts_in};
-use crate::method::Unsolved;
+use crate::formulation::{Contact, ContactJump, contacts_in};
 use crate::model::{Contacts, Mode};
 use crate::names::named;
 use crate::number::Lanes;
-use crate::stepping::Violation;
 
 named! {
     /// What ends a mode.
@@ -47,44 +45,6 @@ pub struct Change {
     pub after: Mode,
     pub cause: Cause,
 }
-
-/// Largest number of events within one step of the run.
-pub(crate) const MOST_EVENTS: usize = 64;
-
-/// How the object is lost. A finger is 0 for the right one, 1 for the left one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Loss {
-    /// The closed contact of this finger left its face.
-    OffFace(usize),
-    /// The free tip of this finger met the end of the face.
-    MetEnd(usize),
-    /// Both tips are free, and neither is beside its face.
-    Apart,
-}
-
-/// Why a run ends at an event of its contacts.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Reason {
-    Lost(Loss),
-    /// A violation that was to end the run, and that events locate.
-    Broken(Violation),
-    /// More than [`MOST_EVENTS`] events within one step.
-    Chattering,
-    NoMode,
-    Unsolved(Unsolved),
-    NotFinite,
-}
-
-/// The end of a run at an event of its contacts.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct ContactEnd {
-    pub reason: Reason,
-    /// The time since the start of the segment, s.
-    pub tau: f64,
-    pub y: States<f64>,
-}
-
-pub(crate) type EventResult<T = ()> = Result<T, Box<ContactEnd>>;
 
 /// What happens to a run at its events, as numbers with derivatives follow it.
 #[derive(Debug, Clone, Copy)]

@@ -1,20 +1,17 @@
 //! The contacts of the run in a lane, in unilateral contact. The work at events is done here for this run alone,
 //! with a step of the run's own method, so that its result does not depend on the runs beside it.
-//! The work of both step loops on these contacts comes after them.
 
 use crate::error::Result;
-use crate::formulation::{Contact, Evaluation, Size, States, System};
+use crate::formulation::{Contact, Evaluation, States, System};
 use crate::method::{Stats, Unsolved};
 use crate::model::{
     ContactRow, Contacts, Geometry, Mode, Motion, Parameters, Scene, SegmentDrive, Slip, State,
     allowed_residuals,
 };
-use crate::number::{Bits, Lanes};
-use crate::stepping::ending;
 use crate::stepping::lone_steps::LoneSteps;
 use crate::stepping::{
-    Change, ContactEnd, ContactRun, End, EventResult, EventStepper, Instant, LaneBatch, Limits, Options,
-    Reason, SegmentState, Steps, VIOLATIONS, Violation, ViolationSet, watched,
+    Change, ContactEnd, ContactRun, EventResult, EventStepper, Instant, Limits, Options, Reason,
+    SegmentState, Steps, Violation, ViolationSet, watched,
 };
 
 struct Segment {
@@ -190,7 +187,7 @@ impl LaneContact {
     }
 
     /// The violations at the instant at which this one ends the run.
-    fn shown(&self, end: &ContactEnd, violation: Violation) -> ViolationSet {
+    pub fn shown(&self, end: &ContactEnd, violation: Violation) -> ViolationSet {
         let mut contacts = Contacts::sticking();
         self.run.put_into(&mut contacts, 0);
         let mut found = self.limits.violated(&self.evaluate(end.tau, &end.y), Some(&contacts));
@@ -261,123 +258,4 @@ fn contacts_at(parameters: &Parameters, State { motion, .. }: &State) -> ([Conta
         Contact { mode, closed, slip, frozen_tilt: geometry.contacts[i].tilt, left: None }
     });
     (contacts, Some(approaches))
-}
-
-impl<R: Lanes, P> LaneBatch<'_, R, P> {
-    /// The lanes in which an event of unilateral contact is due at the end of the steps of the lanes in `taken`. A tip that
-    /// has come beyond the end of its side may have met the side before, within the step.
-    #[inline(always)]
-    pub fn due(&mut self, now: &Evaluation<R>, taken: Bits) -> Bits {
-        let taken = taken & self.active();
-        let mut found = self.limits.due(now, &self.drive.contacts) & taken;
-        for (i, known) in self.beyond.iter_mut().enumerate() {
-            let beyond = self.limits.beyond(now, &self.drive.contacts, i);
-            found |= beyond & !*known & taken;
-            *known = beyond & taken | *known & !taken;
-        }
-        found
-    }
-
-    /// Forgets which tips are beyond the ends of their sides in the lane of `bit`, whose step is taken again.
-    pub(super) fn steps_back(&mut self, bit: Bits) {
-        self.beyond = self.beyond.map(|known| known & !bit);
-    }
-
-    /// The violations of unilateral contact at an instant, with those that events have shown before it.
-    #[inline(always)]
-    pub(super) fn violated(&mut self, now: &Evaluation<R>, watched: Bits) -> [Bits; VIOLATIONS.len()] {
-        let mut found = self.limits.violated(now, Some(&self.drive.contacts));
-        for (found, occurred) in found.iter_mut().zip(&mut self.occurred) {
-            *found |= *occurred & watched;
-            *occurred &= !watched;
-        }
-        found
-    }
-
-    /// An instant of the run in a lane, as evaluated at the state `y`.
-    #[inline(always)]
-    pub fn instant(
-        &self,
-        lane: usize,
-        size: Size,
-        (now, y): (&Evaluation<R>, &States<R>),
-        t: f64,
-        grid: (f64, u64),
-    ) -> Instant {
-        let run = self.runs[lane].as_ref().filter(|_| self.unilateral);
-        let contact = run.and_then(|run| run.contact.as_ref()).map(|contact| contact.row());
-        watched(size, (lane, contact), now, y, t, grid)
-    }
-
-    /// Lets `work` act on the contacts of the run in a lane, and notes what it changes; `None` if there are none.
-    pub(super) fn act<T>(
-        &mut self,
-        lane: usize,
-        work: impl FnOnce(&mut LaneContact, &Scene) -> EventResult<T>,
-    ) -> Option<EventResult<T>> {
-        let run = self.runs[lane].as_mut()?;
-        let found = work(run.contact.as_mut()?, &run.scene);
-        self.note_changes(lane);
-        Some(found)
-    }
-
-    fn note_changes(&mut self, lane: usize) {
-        let Some(run) = &mut self.runs[lane] else { return };
-        let Some(contact) = &mut run.contact else { return };
-        let (changes, work) = contact.take_changes();
-        contact.run.put_into(&mut self.drive.contacts, lane);
-        self.stats.add(&work);
-        let bit = 1 << lane;
-        for change in &changes {
-            if R::WIDTH == 1 {
-                let recorder = &mut self.queue.recorder;
-                recorder.intervals.keep_change(&mut recorder.changes, *change);
-            }
-            let violation = match change.after {
-                Mode::Slip(_) => Violation::Slipping,
-                Mode::Free => Violation::Opened,
-                Mode::Stick | Mode::Graze => continue,
-            } as usize;
-            self.occurred[violation] |= bit;
-            if self.noted[violation] & bit == 0 {
-                self.noted[violation] |= bit;
-                run.first_times[violation] = change.time;
-            }
-        }
-    }
-
-    /// The end of the run in a lane at an event of its contacts, and its last instant. `before` is the last
-    /// watched instant, `h` the length of the step.
-    pub fn contact_end(
-        &mut self,
-        lane: usize,
-        end: &ContactEnd,
-        (before, h): (Instant, f64),
-    ) -> Option<(End, Instant)> {
-        let run = self.runs[lane].as_mut()?;
-        let contact = run.contact.as_ref()?;
-        let modes = contact.run.modes();
-        let (reason, last) = match end.reason {
-            Reason::Unsolved(_) | Reason::NotFinite => (end.reason, before),
-            reason => match contact.last(end) {
-                // The row at an impulse has the state before it. A run that ends as it starts has not been
-                // evaluated before.
-                last if last.t == before.t && before.is_finite() => (reason, before),
-                last if last.is_finite() => (reason, last),
-                _ => (Reason::NotFinite, before),
-            },
-        };
-        if let Reason::Broken(violation) = reason {
-            let shown = contact.shown(end, violation);
-            for (_, violation) in VIOLATIONS {
-                if shown.contains(violation) && self.noted[violation as usize] >> lane & 1 == 0 {
-                    run.first_times[violation as usize] = last.t;
-                }
-            }
-            if R::WIDTH == 1 {
-                self.queue.recorder.intervals.note(last.t, shown);
-            }
-        }
-        Some((ending::contact(&run.scene, &last, reason, modes, h), last))
-    }
 }

@@ -1,12 +1,13 @@
 //! The ways in which a run ends, also in words: each message gives the cause with its numbers, and then advice.
 
 use crate::error::{Error, seconds};
+use crate::formulation::States;
 use crate::method::Unsolved;
 use crate::model::{Coordinates, Geometry, Mode, SIDES, Scene};
 use crate::names::named;
 use crate::number::signed;
 use crate::stepping::monitor::{explain, half_length};
-use crate::stepping::{Instant, Loss, MOST_EVENTS, Reason, STOP_ON, VIOLATIONS, Violation};
+use crate::stepping::{Instant, STOP_ON, VIOLATIONS, Violation};
 
 named! {
     /// How a run ended.
@@ -57,6 +58,44 @@ impl Status {
         STATUSES[1 + violation as usize].1
     }
 }
+
+/// Largest number of events within one step of the run.
+pub(crate) const MOST_EVENTS: usize = 64;
+
+/// How the object is lost. A finger is 0 for the right one, 1 for the left one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Loss {
+    /// The closed contact of this finger left its face.
+    OffFace(usize),
+    /// The free tip of this finger met the end of the face.
+    MetEnd(usize),
+    /// Both tips are free, and neither is beside its face.
+    Apart,
+}
+
+/// Why a run ends at an event of its contacts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Reason {
+    Lost(Loss),
+    /// A violation that was to end the run, and that events locate.
+    Broken(Violation),
+    /// More than [`MOST_EVENTS`] events within one step.
+    Chattering,
+    NoMode,
+    Unsolved(Unsolved),
+    NotFinite,
+}
+
+/// The end of a run at an event of its contacts.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ContactEnd {
+    pub reason: Reason,
+    /// The time since the start of the segment, s.
+    pub tau: f64,
+    pub y: States<f64>,
+}
+
+pub(crate) type EventResult<T = ()> = Result<T, Box<ContactEnd>>;
 
 /// The status with which a run ended, and its message.
 pub(crate) type End = (Status, String);

@@ -10,9 +10,7 @@ use crate::number::Real;
 use crate::stepping::contact_events::CAUSES;
 use crate::stepping::lone_steps::LoneMethod;
 use crate::stepping::monitor::{Condition, Failure, ROUND_OFF};
-use crate::stepping::{
-    Cause, ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Passage, Reason,
-};
+use crate::stepping::{Cause, ContactEnd, ContactRun, Event, EventResult, Limits, MOST_EVENTS, Reason};
 
 /// Largest number of repeated steps that locate one event. Most take about ten.
 const MOST_TRIALS: usize = 60;
@@ -22,7 +20,7 @@ const EARLY: f64 = 1.0 / 1024.0;
 const EARLIEST: i32 = 4;
 /// A rest of a step below this share of it is taken without a look at its events: round-off could make them up.
 /// The next step finds them.
-const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
+pub(super) const SLIVER: f64 = 1.0 / (1u64 << 40) as f64;
 /// An event is located to this share of the step.
 const RESOLUTION: f64 = 1.0 / (1u64 << 50) as f64;
 
@@ -93,31 +91,6 @@ impl EventStepper<'_> {
             return 0.0;
         }
         self.system.energies(&self.run.held(self.equations.tilts(&motion.q)), motion).total()
-    }
-
-    /// The state at the end of a step, after all events in it. `arrived` is the state without any. The modes of the
-    /// drive are those at the end.
-    pub fn advance(&mut self, from: SegmentState, arrived: &States<f64>) -> EventResult<States<f64>> {
-        let (mut place, mut rest, mut arrived) = (from, self.h, *arrived);
-        let end = place.tau + self.h;
-        for _ in 0..=MOST_EVENTS {
-            let Some((length, event)) = self.earliest(&place, (rest, &arrived))? else {
-                return Ok(arrived);
-            };
-            let y = self.step_from(&place, length)?;
-            place = SegmentState { tau: if length < rest { place.tau + length } else { end }, y };
-            self.run.log.push(Passage::Step(length, event));
-            self.happen(&mut place, event)?;
-            rest = end - place.tau;
-            if rest <= 0.0 {
-                return Ok(place.y);
-            }
-            arrived = self.step_from(&place, rest)?;
-            if rest <= SLIVER * self.h {
-                return Ok(arrived);
-            }
-        }
-        Err(place.end(Reason::Chattering))
     }
 
     /// The earliest event in a step of length `h` that ends at `arrived`, and the length of the step that leads

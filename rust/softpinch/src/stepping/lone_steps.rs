@@ -2,14 +2,10 @@
 //! those that end inside a step, where a row was asked for. Taking them leaves the loop's method as it is, and a row is as
 //! accurate as the ends of steps, whatever the method.
 
-use std::mem::take;
-
 use crate::formulation::{MAX_COMPONENTS, SceneEquations, States, System};
-use crate::method::{AnyMethod, Stats, Step, StepResult, Unsolved};
+use crate::method::{AnyMethod, Stats, Step, Unsolved};
 use crate::model::{Contacts, Scene, SegmentDrive};
-use crate::number::Lanes;
-use crate::stepping::equal_lanes::Place;
-use crate::stepping::{Instant, LaneBatch, Moment, Options, column, round_off, watched};
+use crate::stepping::Options;
 
 /// The start of the last step, with the derivative of its state.
 struct KnownStart {
@@ -73,70 +69,6 @@ impl LoneSteps {
         let make = options.method.entry().alone;
         let (system, method) = options.runs(scene).with_method(make);
         Self { system, method: LoneMethod { method, start: None, stats: Stats::default() } }
-    }
-}
-
-/// A row closer to the start of its step than this share of the step has the state there.
-const SLIVER: f64 = 1.0 / (1u64 << 44) as f64;
-
-/// The rows inside the last step, and the steps that lead to them.
-#[derive(Default)]
-pub struct RowsInside {
-    /// The equations and the method, once there was a row; runs with unilateral contact have their own.
-    steps: Option<Box<LoneSteps>>,
-    /// The rows, until it is known how far the run gets in this step.
-    pub rows: Vec<Instant>,
-}
-
-impl RowsInside {
-    /// Computes the instants that were asked for before the end of the step that the run in lane 0 takes from the time
-    /// `tau` of its segment and the state `y`.
-    #[cold]
-    #[inline(never)]
-    pub fn look_inside<R: Lanes>(
-        &mut self,
-        batch: &mut LaneBatch<'_, R, Place>,
-        clock: u64,
-        system: &SceneEquations<R>,
-        (tau, y): (R, &States<R>),
-    ) -> StepResult {
-        let (tau, y) = (tau.lane(0), column(y, 0));
-        let Some(run) = &mut batch.runs[0] else { return Ok(()) };
-        let (start, end) = (run.place.now(clock).0, run.place.now(clock + 1).0);
-        if let Some(steps) = &mut self.steps {
-            steps.method.forget_start();
-        }
-        loop {
-            let time = batch.queue.recorder.next_time();
-            if time >= end {
-                return Ok(());
-            }
-            batch.queue.recorder.is_due(time, true);
-            // A step as short as round-off might not be solved.
-            let shortest = round_off(start, end).max(SLIVER * (end - start));
-            let length = if time - start <= shortest { 0.0 } else { time - start };
-            let row = if let Some(contact) = &mut run.contact {
-                contact.inside(&Moment { earlier: false, tau, h: length, y: &y })?
-            } else {
-                let mut drive = run.scene.inputs.segment(run.place.segment.anchor);
-                if let Some(controller) = &run.controller {
-                    drive.hold(controller.held());
-                }
-                let options = batch.options;
-                let new = || Box::new(LoneSteps::new(options, &run.scene));
-                let steps = self.steps.get_or_insert_with(new);
-                let LoneSteps { system: alone, method } = &mut **steps;
-                let next = if length > 0.0 { method.step(alone, &drive, (tau, &y), length)? } else { y };
-                let now = alone.evaluate(&drive, tau + length, &next);
-                batch.stats.evaluations += 1;
-                batch.stats.add(&take(&mut method.stats));
-                watched(system.size(), (0, None), &now, &next, time, (time, 0))
-            };
-            // After an overflow the run ends at this step.
-            if row.is_finite() {
-                self.rows.push(Instant { t: time, grid: (time, 0), ..row });
-            }
-        }
     }
 }
 

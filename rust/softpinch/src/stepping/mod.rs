@@ -6,6 +6,7 @@ pub(crate) mod adaptive;
 mod adaptive_events;
 mod adaptive_lanes;
 pub(crate) mod batch;
+mod batch_events;
 mod contact_changes;
 pub(crate) mod contact_events;
 pub(crate) mod contact_lane;
@@ -35,19 +36,18 @@ pub(crate) use adaptive::AdaptiveSteps;
 pub(crate) use adaptive_lanes::{AdaptiveLanes, StepStart, merged};
 pub(crate) use batch::{Finished, LaneBatch, LoopSystem, POLL, RunLoop, RunQueue, Seen, Taken};
 pub use contact_events::Change;
-pub(crate) use contact_events::{
-    Cause, ContactEnd, ContactRun, Event, EventResult, Loss, MOST_EVENTS, Passage, Reason,
-};
+pub(crate) use contact_events::{Cause, ContactRun, Event, Passage};
 pub(crate) use contact_lane::{LaneContact, Moment};
-pub(crate) use ending::{End, completed, full, interruption, overflow};
+pub(crate) use ending::{
+    ContactEnd, End, EventResult, Loss, MOST_EVENTS, Reason, completed, full, interruption, overflow,
+};
 pub use ending::{STATUSES, Status, arrival};
 pub(crate) use equal::EqualSteps;
-pub(crate) use equal_lanes::{EqualLanes, Instants};
+pub(crate) use equal_lanes::{EqualLanes, Instants, RowsInside};
 pub(crate) use event_search::{EventStepper, SegmentState};
 pub(crate) use grid::{Grid, GridOf, MOST_STEPS, Segment, Span, round_off};
 pub(crate) use instant::{Instant, all_finite, column, put, watched};
 pub(crate) use lane_controller::LaneController;
-pub(crate) use lone_steps::RowsInside;
 pub(crate) use monitor::{Limits, Margins, STOP_ON, ViolationSet};
 pub use monitor::{VIOLATIONS, Violation};
 pub use options::{MAX_STEPS, Options, Steps};

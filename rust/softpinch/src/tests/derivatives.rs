@@ -3,7 +3,8 @@
 
 use proptest::prelude::*;
 
-use crate::driver::sensitivities::{COMPONENTS, Direction, Request, sensitivities};
+use crate::driver::request::{COMPONENTS, Direction, Request};
+use crate::driver::sensitivities::sensitivities;
 use crate::driver::simulate::simulate;
 use crate::formulation::table::FORMULATIONS;
 use crate::method::table::METHODS;

@@ -9,9 +9,9 @@ use std::fmt::Write;
 
 use super::counted::{Count, Counted, OPERATIONS, Operation, count};
 use crate::formulation::equations::Carried;
-use crate::formulation::equations::{Evaluation, States};
+use crate::formulation::equations::{Evaluation, Size, States};
 use crate::formulation::scene_equations::{Choice, SceneEquations};
-use crate::formulation::system::{Size, System};
+use crate::formulation::system::System;
 use crate::formulation::table::{FORMULATIONS, Formulation};
 use crate::method::dop853::Dop853;
 use crate::method::rk4::Rk4;

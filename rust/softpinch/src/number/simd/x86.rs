@@ -8,8 +8,8 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use crate::number::real::{elementary, inlined};
-use crate::number::{Bits, Compose, LaneTask, Lanes, Real};
+use crate::number::trigonometry::elementary;
+use crate::number::{Bits, Compose, LaneTask, Lanes, Real, inlined};
 
 /// Declares functions of an implementation that are inlined and consist of instructions.
 macro_rules! instructions {
