@@ -48,7 +48,7 @@ def survives(mutant: Mutant, work: Path) -> bool:
         if mutant.test == CARGO:
             test = ["cargo", "test", *options, "softpinch", "--lib"]
         else:
-            build = ["cargo", "build", *options, "softpinch-py"]
+            build = ["cargo", "build", *options, "softpinch-module"]
             subprocess.run(build, cwd=work, env=cargo, check=True)
             built = work / "target" / "release" / "lib_core.so"
             shutil.copy(built, work / "python" / "softpinch" / "_core.abi3.so")
