@@ -34,10 +34,8 @@ _Limit: TypeAlias = tuple[float, str]  # m/s^2, and what gives way
 _DURATIONS = {"trapezoid": 2.0, "minimum_jerk": math.sqrt(10.0 / math.sqrt(3.0))}
 # The relative width at which a bisection ends.
 _CLOSE = 1e-3
-# Peaks of the first move, and of the slowest and the fastest that are tried, m/s^2.
-_FIRST, _SLOWEST, _FASTEST = 20.0, 1e-3, 1e5
-# Number of peaks below the limit at which a lost move is looked for.
-_PEAKS = 30
+# Peaks of the first, the slowest and the fastest move, m/s^2; number of peaks tried below a limit.
+_FIRST, _SLOWEST, _FASTEST, _PEAKS = 20.0, 1e-3, 1e5, 30
 # The statuses of runs that say nothing about the grasp.
 _FAILED = ("not_finite", "unstable", "newton_failed", "step_too_small", "too_many_steps")
 
@@ -214,8 +212,7 @@ class CarryLimits(Result):
         direction: Direction of the acceleration along fixed axes (n, 2), of length one.
         limit: The largest acceleration (n,), m/s^2; inf if nothing gives way.
         cause: What gives way first (n,): as `WrenchLimits.limit`; of moves, the status of a run
-            that is lost or in which the contacts have no solution ("chattering", "no_mode"), or a
-            violation; "none" if nothing does.
+            that is lost ("chattering" and "no_mode" too), or a violation; "none" if nothing does.
         profile: The shape of the moves; None for an acceleration that grows slowly.
         tilt: The tilt of the hand, or the tilts (m,), rad.
     """
@@ -342,21 +339,18 @@ def _cause_of_loss(
     """What gives way in a move along `way` (2,), m, with a peak acceleration, m/s^2; or ""."""
     duration = _DURATIONS[profile] * math.sqrt(np.hypot(*way) / peak)
     times, points = start.scene.start().time + np.array([0.0, duration]), np.outer([0.0, 1.0], way)
-    if profile == "trapezoid":
-        motion = HandMotion.trapezoid(times, points, peak, tilt)
-    else:
-        motion = HandMotion.minimum_jerk(times, points, tilt)
-    moved = start.scene.with_({"duration": duration + settle, "motion": motion})
-    request = start.with_(moved)
+    shape: dict[str, Any] = {"acceleration": peak} if profile == "trapezoid" else {}
+    motion = getattr(HandMotion, profile)(times, points, tilts=tilt, **shape)
+    changes = {"duration": duration + settle, "motion": motion}
+    request = start.with_(start.scene.with_(changes))
     result = request.run_to_end()
     status, faults = result["status"], faults_of_steps(request, result)
     if faults or status in _FAILED:
         why = "; ".join(faults or [result["message"], 'method="radau5", tolerance=1e-6 may do'])
         ended = f'a move with a peak of {peak:.6g} m/s^2 ended as "{status}", not by the grasp'
         raise ValueError(f"profile: {ended}: {why}")
-    if result["holds"]:
-        return ""
-    return status if status != "completed" else next(iter(result["violations"]), "lost")
+    cause = status if status != "completed" else next(iter(result["violations"]), "lost")
+    return "" if result["holds"] else cause
 
 
 def _fastest(loses: Callable[[float], str]) -> _Limit:
