@@ -29,13 +29,11 @@ _FORCES = 72
 # The largest number of directions: each takes one to three milliseconds.
 _MOST = 1_000_000
 Profile: TypeAlias = Literal["trapezoid", "minimum_jerk"]
-_Limit: TypeAlias = tuple[float, str]  # m/s^2, and what gives way
 # The duration of a move over a distance D with the peak acceleration a is this times sqrt(D / a).
 _DURATIONS = {"trapezoid": 2.0, "minimum_jerk": math.sqrt(10.0 / math.sqrt(3.0))}
-# The relative width at which a bisection ends.
-_CLOSE = 1e-3
-# Peaks of the first, the slowest and the fastest move, m/s^2; number of peaks tried below a limit.
-_FIRST, _SLOWEST, _FASTEST, _PEAKS = 20.0, 1e-3, 1e5, 30
+# Peaks of the first, slowest and fastest move, m/s^2; relative width at which a bisection ends.
+_FIRST, _SLOWEST, _FASTEST, _CLOSE = 20.0, 1e-3, 1e5, 1e-3
+_PEAKS = 30  # tried below a limit
 # The statuses of runs that say nothing about the grasp.
 _FAILED = ("not_finite", "unstable", "newton_failed", "step_too_small", "too_many_steps")
 
@@ -116,11 +114,10 @@ def wrench_limits(
     This is the limit of a wrench that grows so slowly that inertia, viscosity and the controller's
     lag do not matter. A wrench that is applied suddenly overshoots, and can lose the grasp down to
     about half of it; a short one may be borne above it. A grasp that slips need not be lost: in
-    unilateral contact it may stick again. A scene without equilibrium bears nothing. A scene with a
-    `SampledController` is refused: its torques are no functions of the state.
+    unilateral contact it may stick again. A scene without equilibrium bears nothing.
 
     Args:
-        grasp: A scene, whose `equilibrium` is found first, or an equilibrium.
+        grasp: A scene without a `SampledController`, or its equilibrium, which is found first.
         directions: Forces in x and y and moments (n, 3), N and N m, of any size but zero. None
             takes 72 forces of 1 N without moment, from the direction x counter-clockwise, and the
             moments +1 N and -1 N times `length`.
@@ -191,7 +188,7 @@ def _limits_of(rest: Equilibrium, loads: Floats) -> tuple[Floats, list[str], Flo
         return np.zeros(count), [rest.status] * count, np.full((count, 9), np.nan)
     if _is_unstable(rest):
         return np.zeros(count), ["unstable"] * count, np.tile(rest.state.q, (count, 1))
-    advice = "carry_limits(profile=...) and simulate compute motions under it"
+    advice = "simulate and carry_limits(profile=...) take it"
     require_known_torque(rest.scene.law, "a load that grows slowly", advice)
     return rest_scene(rest.scene, rest.time).limits(rest.state.q, loads)
 
@@ -279,9 +276,8 @@ def carry_limits(
         dt, method, formulation, tolerance: As for `simulate`, of the moves.
 
     Raises:
-        ValueError: With a `profile`, the scene has a motion other than a constant tilt, whose place
-            the moves take, or a bilateral contact, which is never lost; or the run of a move failed
-            numerically. Without one, the scene has a `SampledController`.
+        ValueError: With a `profile`: the scene's motion is no constant tilt, its contact is
+            bilateral, or a run fails numerically. Without: it has a `SampledController`.
     """
     options = Options.checked(dt, method, formulation, tolerance=tolerance)
     distance = checks.positive("distance", distance)
@@ -318,9 +314,8 @@ def carry_limits(
     if profile is None or rest.state is None or _is_unstable(rest):
         limit, cause, _ = _limits_of(rest, rows)
     elif not isinstance(motion, ConstantMotion | None) or (motion and any(motion.acceleration)):
-        rule = "must be None or HandMotion.constant(tilt=...)"
-        why = f"takes its place; {rule}; a constant acceleration upwards is one more of gravity"
-        raise ValueError(f"Scene.motion: a move with profile = {profile!r} {why}")
+        rule = "must be None or HandMotion.constant(tilt=...), whose place the move takes"
+        raise ValueError(f"Scene.motion: with profile = {profile!r} it {rule}")
     else:
         usual.warn(rest.scene)
         start = Request(rest.scene.with_({"initial": rest.state}), options)
@@ -353,27 +348,27 @@ def _cause_of_loss(
     return "" if result["holds"] else cause
 
 
-def _fastest(loses: Callable[[float], str]) -> _Limit:
+def _fastest(loses: Callable[[float], str]) -> tuple[float, str]:
     """The largest peak below which no move is seen to be lost, and the cause of losses above it."""
     low, high = 0.0, _FIRST
     while not (cause := loses(high)):
         if high >= _FASTEST:
             return math.inf, "none"
         low, high = high, 2.0 * high
-    low, cause = _bisected(loses, low, high, cause)
+    low, cause = _bisect(loses, low, high, cause)
     peaks = np.linspace(0.0, low, _PEAKS + 2).tolist() if low else []
     for held, peak in pairwise(peaks[:-1]):
         if found := loses(peak):
-            return _bisected(loses, held, peak, found)
+            return _bisect(loses, held, peak, found)
     return low, cause
 
 
-def _bisected(loses: Callable[[float], str], low: float, high: float, cause: str) -> _Limit:
+def _bisect(loses: Callable[[float], str], low: float, high: float, why: str) -> tuple[float, str]:
     """A peak that is held, just below one that is lost, and the cause of that loss."""
     while high - low > _CLOSE * high and high > _SLOWEST:
         middle = 0.5 * (low + high)
         if found := loses(middle):
-            high, cause = middle, found
+            high, why = middle, found
         else:
             low = middle
-    return low, cause
+    return low, why

@@ -71,8 +71,7 @@ def _law_at_rest(
     blocks = [(block, driving(block)) for _, block in control.blocks()][::-1]
     zero, schedule = np.zeros(2), np.array(scene.schedule.target(time))
     motion = scene.motion or HandMotion.constant()
-    # As of forces, sines are left out.
-    acceleration = evaluate(motion.compile().acceleration, np.array(time))
+    acceleration = evaluate(motion.compile().acceleration, np.array(time))  # without its sines
     felt = object_axes(motion.at(time).tilt) @ np.add(acceleration, [0.0, scene.gravity])
     fixed = {"schedule": schedule, "target_rate": zero, "gyroscope": zero[:1]}
 
