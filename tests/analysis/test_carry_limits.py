@@ -142,3 +142,99 @@ def test_a_grasp_that_is_not_at_rest_bears_nothing() -> None:
     far = replace(YIELDING, schedule=sp.Schedule.in_degrees("steps", [0.0], [[-5.0, -5.0]]))
     limits = sp.carry_limits(far, [[1.0, 0.0]])
     assert limits.limit.tolist() == [0.0] and limits.cause.tolist() == [limits.equilibrium.status]
+
+
+# The same gains as a digital controller, whose loop is stable at rest.
+SAMPLED = replace(LOSING, control=sp.SampledController.pid(1e-3, kp=20.0, kd=0.2, ki=100.0))
+UP = [[0.0, 1.0]]
+
+
+def test_the_slow_limits_refuse_a_sampled_controller_by_name() -> None:
+    rest = sp.equilibrium(SAMPLED)
+    assert rest.stable
+    for grasp in (SAMPLED, rest):
+        message = r"Scene\.control=SampledController.*: .* carry_limits\(profile=\.\.\.\)"
+        with pytest.raises(ValueError, match=message):
+            sp.carry_limits(grasp, UP)
+        with pytest.raises(ValueError, match=message):
+            sp.wrench_limits(grasp, [[0.0, 1.0, 0.0]])
+
+
+def test_moves_find_the_limit_under_a_sampled_controller() -> None:
+    limits = sp.carry_limits(SAMPLED, UP, profile="trapezoid", distance=0.1)
+    plain = sp.carry_limits(LOSING, UP, profile="trapezoid", distance=0.1)
+    assert limits.cause.tolist() == ["lost"]
+    assert 0.5 * plain.limit[0] < limits.limit[0] < 2.0 * plain.limit[0]
+
+
+def test_a_loop_that_is_unstable_at_rest_bears_no_move() -> None:
+    control = sp.SampledController.pid(1e-3, kp=200.0, kd=0.2, ki=1000.0, delay=2e-2)
+    limits = sp.carry_limits(replace(SAMPLED, control=control), UP, profile="trapezoid")
+    assert limits.limit.tolist() == [0.0] and limits.cause.tolist() == ["unstable"]
+
+
+def test_the_limit_of_moves_is_below_every_loss_that_is_found() -> None:
+    """Slower moves than those that are just held may be lost, at other phases of the swing."""
+    scene = sp.Scene(
+        contact="unilateral",
+        friction=0.35,
+        hand=sp.Hand(tip=sp.Fingertip(normal_mass=0.01, tangential_mass=0.01)),
+        grasped=sp.GraspedObject.box(0.049, 0.049, 0.8),
+        schedule=sp.Schedule.in_degrees("steps", [0.0], [[8.0, 8.0]]),
+    )
+    limits = sp.carry_limits(scene, [[0.0, -1.0]], profile="trapezoid", distance=0.3)
+    rest = limits.equilibrium
+    assert rest.state is not None
+
+    def holds(peak: float) -> bool:
+        times = [rest.time, rest.time + 2.0 * np.sqrt(0.3 / peak)]
+        motion = sp.HandMotion.trapezoid(times, [[0.0, 0.0], [0.0, -0.3]], peak)
+        changes = {"initial": rest.state, "duration": times[1] - times[0] + 0.1, "motion": motion}
+        return sp.simulate(scene.with_(changes)).holds
+
+    # The first bisection ends at 107 m/s^2, above a range of peaks that are lost.
+    assert holds(107.0) and not holds(96.0)
+    (limit,) = limits.limit
+    assert limit == pytest.approx(93.2, abs=0.3)
+    assert holds(limit) and not holds(1.003 * limit)
+
+
+LIGHT = replace(LOSING, hand=sp.Hand(tip=sp.Fingertip(normal_mass=1e-5, tangential_mass=1e-5)))
+
+
+def test_a_numerical_failure_is_no_limit_of_the_grasp() -> None:
+    message = r'profile: .* a peak of \S+ m/s\^2 .*"(unstable|lost)".* method="radau5"'
+    with pytest.raises(ValueError, match=message):
+        sp.carry_limits(LIGHT, UP, profile="minimum_jerk")
+    how: dict[str, Any] = {"profile": "minimum_jerk", "method": "radau5", "tolerance": 1e-6}
+    stiff, heavier = sp.carry_limits(LIGHT, UP, **how), sp.carry_limits(LOSING, UP, **how)
+    assert stiff.cause.tolist() == ["lost"]
+    assert stiff.limit[0] == pytest.approx(heavier.limit[0], rel=0.2)
+
+
+def test_the_options_are_those_of_simulate() -> None:
+    with pytest.raises(ValueError, match="dt = 0"):
+        sp.carry_limits(LOSING, UP, profile="trapezoid", dt=0.0)
+    with pytest.raises(ValueError, match='"radau5"'):
+        sp.carry_limits(LOSING, UP, profile="trapezoid", method="rk5")  # type: ignore[arg-type]
+    how: dict[str, Any] = {"profile": "trapezoid", "distance": 0.1}
+    finer = sp.carry_limits(LOSING, UP, formulation="projected", dt=5e-5, **how)
+    assert finer.limit == pytest.approx(sp.carry_limits(LOSING, UP, **how).limit, rel=2e-3)
+    how |= {"method": "radau5", "tolerance": 1e-6}
+    tilted = sp.carry_limits(LOSING, UP, tilt=[0.0], **how)
+    np.testing.assert_array_equal(tilted.limit[0], sp.carry_limits(LOSING, UP, **how).limit)
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        sp.HandMotion.constant((0.0, 5.0)),
+        sp.HandMotion.sine(0.01, 5.0, "y"),
+        sp.HandMotion.minimum_jerk([0.0, 0.1], [[0.0, 0.0], [0.0, 0.1]]),
+    ],
+)
+def test_a_move_does_not_replace_another_motion_without_a_word(motion: sp.HandMotion) -> None:
+    scene = replace(LOSING, motion=motion)
+    for grasp in (scene, sp.equilibrium(scene)):
+        with pytest.raises(ValueError, match=r"Scene\.motion: .*profile.* must be None or"):
+            sp.carry_limits(grasp, UP, profile="trapezoid")

@@ -118,3 +118,22 @@ def test_laws_without_one_rest_are_refused() -> None:
     assert "is not known" in unknown.message
     unstable = sp.equilibrium(of(replace(SERVO, delay=12e-3, jitter=0.0)))
     assert not unstable.stable and "a deviation grows with" in unstable.message
+
+
+def test_a_rest_leaves_a_sine_of_the_motion_out_of_the_accelerometer_too() -> None:
+    gains = [[-20.0, 0.0, -0.2, 0.0, 0.01, 0.0], [0.0, -20.0, 0.0, -0.2, 0.01, 0.0]]
+    measures = ("angle_error", "angle_rate", "accelerometer")
+    control = sp.SampledController(1e-3, D=gains, measures=measures)
+    # At the peak of the sine, and beside a constant acceleration, which counts.
+    still, shaken, accelerated = (
+        sp.equilibrium(replace(SCENE, control=control, motion=motion), time=0.0)
+        for motion in (
+            sp.HandMotion.constant(),
+            sp.HandMotion.sine(0.01, 5.0, "x", phase=np.pi / 2),
+            sp.HandMotion.constant((-1.0, 0.0)),
+        )
+    )
+    assert still.state and shaken.state and accelerated.state
+    np.testing.assert_array_equal(shaken.state.q, still.state.q)
+    np.testing.assert_array_equal(shaken.torque, still.torque)
+    assert abs(accelerated.torque - still.torque).max() > 1e-3

@@ -14,7 +14,7 @@ import pytest
 import softpinch as sp
 from films import operation, pushed_run, texts
 from softpinch import plot
-from softpinch.plot import film
+from softpinch.plot import drawing, film
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.animation import AbstractMovieWriter  # noqa: E402
@@ -293,3 +293,15 @@ def test_an_unknown_frame_is_refused_before_anything_is_computed(
         animated(run, tmp_path / "a.gif", frame="base")
     with pytest.raises(TypeError, match="frame = None: must be one of"):
         animated(run, tmp_path / "a.gif", frame=None)
+
+
+@pytest.mark.parametrize("frame", ["hand", "world"])
+def test_runs_with_a_shaken_base_are_drawn_with_their_forces(frame: Any, tmp_path: Path) -> None:
+    shaking = (sp.Noise(acceleration_std=1.0, rate_hz=200), sp.Step(time=0.0, force=(0.5, 0.0)))
+    scene = sp.Scene(motion=sp.HandMotion.constant(), duration=0.05, disturbances=shaking)
+    run = sp.simulate(scene, dt=1e-3, method="rosenbrock")
+    assert animated(run, tmp_path / "shaken.gif", frame=frame).stat().st_size
+    plot.snapshot(run)
+    seen = drawing.instants(run, np.array([0.01, 0.04]), True)
+    # The acceleration of the base is no force on the object.
+    np.testing.assert_array_equal([each.external for each in seen], [[0.5, 0.0, 0.0]] * 2)

@@ -60,7 +60,8 @@ def test_the_motion_of_the_hand_is_named() -> None:
     moving, still = (sp.explain(each, record="energy", measure=False)
                      for each in (scene, replace(scene, motion=None)))  # fmt: skip
     (reason,) = [term.reason for term in moving.terms if term.name == "motion of the hand"]
-    assert "motion of the hand" in moving.kept and reason.startswith("SineMotion: ")
+    assert "motion of the hand" in moving.kept and reason.startswith("HandMotion.sine: ")
+    assert "turns" not in reason
     assert "motion of the hand" in still.left_out and moving.states == still.states + 1
     assert reason in str(moving)
 

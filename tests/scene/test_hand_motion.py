@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -371,3 +372,62 @@ BAD: list[tuple[str, tuple[Any, ...], str]] = [
 def test_bad_motions_are_refused(kind: str, arguments: tuple[Any, ...], message: str) -> None:
     with pytest.raises(ValueError, match=rf"^HandMotion\.{message}"):
         getattr(HandMotion, kind)(*arguments)
+
+
+def csv(columns: Any, heading: str = "") -> str:
+    return heading + "\n".join(",".join(map(repr, row)) for row in np.asarray(columns).tolist())
+
+
+def log(end: float = 0.6, period: float = 1e-3, noise: float = 0.0) -> Floats:
+    """Time, x, y and tilt of a move from 0.1 to 0.5 s, logged from 0 to the end."""
+    move = sp.HandMotion.minimum_jerk([0.1, 0.5], [[0.0, 0.0], [0.4, 0.2]], [0.1, 0.5])
+    times = np.arange(0.0, end + 0.5 * period, period)
+    at = move.at(times)
+    rows = np.column_stack([at.position, at.tilt])
+    return np.column_stack([times, rows + noise * np.random.default_rng(0).normal(size=rows.shape)])
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_a_log_is_read_from_a_file(noise: float, tmp_path: Path) -> None:
+    path, rows = tmp_path / "robot.csv", log(noise=noise)
+    times, place, tilts = rows[:, 0], rows[:, 1:3], rows[:, 3]
+    for heading in ("", "time [s],x [m],y [m],tilt [rad]\n"):
+        path.write_text(csv(rows, heading))
+        assert HandMotion.from_csv(path) == HandMotion.sampled(times, place, tilts=tilts)
+        assert HandMotion.from_csv(path, kind="accelerations", hold=True) == HandMotion.sampled(
+            times, accelerations=place, tilts=tilts, hold=True
+        )
+    path.write_text(csv(rows[:, :3]))
+    assert HandMotion.from_csv(path) == HandMotion.sampled(times, place)
+    # From rest at once, with a constant acceleration, and in one move.
+    t = np.linspace(0.0, 1.0, 5)
+    path.write_text(
+        csv(np.column_stack([t, np.where(t < 0.5, 2 * t**2, 1 - 2 * (1 - t) ** 2), t * 0]))
+    )
+    HandMotion.from_csv(path)
+    path.write_text("0,0,0\n1,1,0\n")
+    HandMotion.from_csv(path)
+
+
+def test_a_log_that_begins_or_ends_in_motion_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "robot.csv"
+    for rows, which in ((log(0.35), "last"), (log(0.45), "last"), (log()[200:], "first")):
+        for some in (rows, rows[:, :3], rows * [1.0, 0.0, 0.0, 1.0]):
+            path.write_text(csv(some))
+            with pytest.raises(ValueError, match=rf"robot\.csv: moves .* in its {which} interval"):
+                HandMotion.from_csv(path)
+        path.write_text(csv(rows[:, :3]))
+        HandMotion.from_csv(path, kind="accelerations")
+
+
+def test_a_file_that_is_no_log_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "robot.csv"
+    for wrong in ("0,1\n1,2\n", "0,1,2,3,4\n1,1,2,3,4\n", "0;1;2\n", "", "0,0,0\n1,x,0\n"):
+        path.write_text(wrong)
+        with pytest.raises(ValueError, match=r"robot\.csv: must have three or four columns"):
+            HandMotion.from_csv(path)
+    path.write_text("0,0,0\n0,1,0\n")
+    with pytest.raises(ValueError, match=r"HandMotion\.times"):
+        HandMotion.from_csv(path)
+    with pytest.raises(ValueError, match="kind = 'speeds'"):
+        HandMotion.from_csv(path, kind="speeds")

@@ -228,3 +228,27 @@ def test_targets_that_turn_no_finger_open_none() -> None:
         sp.SuspiciousValueWarning, match="touching is at 0 degrees, .* asks for -5.73"
     ):
         sp.simulate(idle.with_({"control": sp.Pid()}), dt=1e-3)
+
+
+def moved(begin: float, **kind: Any) -> sp.Scene:
+    """A run from `begin` to `begin` + 0.5 s whose hand moves from 1 to 1.5 s."""
+    times, start = [1.0, 1.5], replace(sp.Scene().start(), time=begin)
+    motion = sp.HandMotion.minimum_jerk(times, [[0.0, 0.0], [0.1, 0.0]])
+    if kind:
+        motion = sp.HandMotion.sampled(times, **kind)
+    return sp.Scene(initial=start, duration=0.5, motion=motion)
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.5, 1.5, 2.0])
+def test_a_motion_beside_the_run_is_a_warning(begin: float) -> None:
+    message = rf"^motion\.times: .* 1 to 1\.5 s.* from {begin:g} to {begin + 0.5:g} s"
+    with pytest.warns(sp.SuspiciousValueWarning, match=message) as caught:
+        sp.simulate(moved(begin), dt=1e-3)
+    assert len(caught) == 1
+
+
+def test_a_motion_that_overlaps_the_run_or_is_held_after_it_is_no_warning() -> None:
+    assert not any(usual.suspicions(moved(begin)) for begin in (0.6, 1.0, 1.4))
+    held: dict[str, Any] = {"accelerations": [[1.0, 0.0], [2.0, 0.0]], "hold": True}
+    assert not usual.suspicions(moved(2.0, **held)) and usual.suspicions(moved(0.0, **held))
+    assert not usual.suspicions(replace(moved(2.0), motion=sp.HandMotion.sine(0.01, 5.0, "x")))

@@ -229,6 +229,7 @@ def special() -> dict[str, dict[str, Any]]:
         "GainSwitch": {"D": gains["D"], "at": 0.1, "measure": "angle", "above": 0.1},
         "GraspedObject.disc": {"diameter": 0.06},
         "GraspedObject.wedge": {"angle": 0.05},
+        "HandMotion.from_csv": {"path": _log()},
         "MeasuredLaw": CURVE,
         "MeasuredLaw.from_csv": {"path": _curve()},
         "MeasuredLaw.from_dict": {"data": sp.MeasuredLaw(**CURVE).to_dict()},
@@ -328,6 +329,13 @@ def _curve() -> Path:
     path = Path(tempfile.mkdtemp()) / "curve.csv"
     rows = [f"{d},{f}" for d, f in zip(CURVE["compression"], CURVE["force"], strict=True)]
     path.write_text("compression,force\n" + "\n".join(rows))
+    return path
+
+
+def _log() -> Path:
+    """A file with the log of a move."""
+    path = Path(tempfile.mkdtemp()) / "log.csv"
+    path.write_text("time,x,y\n0,0,0\n1,0.1,0\n")
     return path
 
 

@@ -6,16 +6,22 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..run import Run, simulate
-from ..run.request import rest_scene
-from ..scene import HandMotion, Scene, State
+from ..run import Run
+from ..run.options import Options
+from ..run.request import Request, rest_scene
+from ..run.simulate import faults_of_steps
+from ..scene import HandMotion, Scene, State, usual
+from ..scene.control import require_known_torque
+from ..scene.loop_matrix import NEUTRAL
+from ..scene.motion import ConstantMotion
 from ..scene.parts import width
-from ..support import Floats, Result, Texts, checks
+from ..support import Floats, Formulation, Method, Result, Texts, checks
 from .rest import ROUND_OFF, Equilibrium, equilibrium
 
 # Number of forces among the default directions.
@@ -25,10 +31,11 @@ _MOST = 1_000_000
 Profile: TypeAlias = Literal["trapezoid", "minimum_jerk"]
 # The duration of a move over a distance D with the peak acceleration a is this times sqrt(D / a).
 _DURATIONS = {"trapezoid": 2.0, "minimum_jerk": math.sqrt(10.0 / math.sqrt(3.0))}
-# The relative width at which a bisection ends.
-_CLOSE = 1e-3
-# The first move is as fast as this multiple of the slow limit, m/s^2 the fastest that is tried.
-_FIRST, _FASTEST = 2.0, 1e5
+# Peaks of the first, slowest and fastest move, m/s^2; relative width at which a bisection ends.
+_FIRST, _SLOWEST, _FASTEST, _CLOSE = 20.0, 1e-3, 1e5, 1e-3
+_PEAKS = 30  # tried below a limit
+# The statuses of runs that say nothing about the grasp.
+_FAILED = ("not_finite", "unstable", "newton_failed", "step_too_small", "too_many_steps")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -110,7 +117,7 @@ def wrench_limits(
     unilateral contact it may stick again. A scene without equilibrium bears nothing.
 
     Args:
-        grasp: A scene, whose `equilibrium` is found first, or an equilibrium.
+        grasp: A scene without a `SampledController`, or its equilibrium, which is found first.
         directions: Forces in x and y and moments (n, 3), N and N m, of any size but zero. None
             takes 72 forces of 1 N without moment, from the direction x counter-clockwise, and the
             moments +1 N and -1 N times `length`.
@@ -179,9 +186,16 @@ def _limits_of(rest: Equilibrium, loads: Floats) -> tuple[Floats, list[str], Flo
     count = len(loads)
     if rest.state is None:
         return np.zeros(count), [rest.status] * count, np.full((count, 9), np.nan)
-    if rest.growth > ROUND_OFF * np.abs(rest.eigenvalues).max():
+    if _is_unstable(rest):
         return np.zeros(count), ["unstable"] * count, np.tile(rest.state.q, (count, 1))
+    advice = "simulate and carry_limits(profile=...) take it"
+    require_known_torque(rest.scene.law, "a load that grows slowly", advice)
     return rest_scene(rest.scene, rest.time).limits(rest.state.q, loads)
+
+
+def _is_unstable(rest: Equilibrium) -> bool:
+    round_off = NEUTRAL if rest.scene.law == "sampled" else ROUND_OFF
+    return bool(rest.growth > round_off * np.abs(rest.eigenvalues).max())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -195,7 +209,7 @@ class CarryLimits(Result):
         direction: Direction of the acceleration along fixed axes (n, 2), of length one.
         limit: The largest acceleration (n,), m/s^2; inf if nothing gives way.
         cause: What gives way first (n,): as `WrenchLimits.limit`; of moves, the status of a run
-            that is lost, or a violation; "none" if nothing does.
+            that is lost ("chattering" and "no_mode" too), or a violation; "none" if nothing does.
         profile: The shape of the moves; None for an acceleration that grows slowly.
         tilt: The tilt of the hand, or the tilts (m,), rad.
     """
@@ -227,6 +241,10 @@ def carry_limits(
     shear: ArrayLike | None = None,
     near: State | Run | None = None,
     grip: ArrayLike | None = None,
+    dt: float | None = None,
+    method: Method = "rk4",
+    formulation: Formulation = "csm",
+    tolerance: float | None = None,
 ) -> CarryLimits:
     """Finds the largest acceleration of the hand that a grasp at rest bears.
 
@@ -235,7 +253,9 @@ def carry_limits(
     inertial forces act on object and fingers. With a `profile` the hand moves over `distance` from
     rest to rest and stays there for `settle`; a bisection finds, to 0.1 %, the peak acceleration
     above which the grasp no longer holds (`Run.holds`). A fast move ends before a grasp is lost,
-    and excites it, so this limit may lie above the slow one or below it.
+    and excites it, so this limit may lie above the slow one or below it. A slower move may be lost
+    too: 30 peaks below, evenly spaced, are tried, and a loss among them is the limit. Losses
+    between two of these peaks can be missed, and some moves above the limit may be held.
 
         >>> import softpinch as sp
         >>> scene = sp.Scene(friction=0.8, schedule=sp.Schedule.in_degrees("steps", [0], [[8, 8]]))
@@ -253,11 +273,13 @@ def carry_limits(
         tilt: Tilt of the hand, or several (m,), rad, counter-clockwise; only with a scene without a
             motion. Directions stay those along fixed axes.
         time, shear, near, grip: As for `equilibrium`; only with a scene.
+        dt, method, formulation, tolerance: As for `simulate`, of the moves.
 
     Raises:
-        ValueError: The scene has a motion that is not constant, or a bilateral contact (which is
-            never lost) with a `profile`.
+        ValueError: With a `profile`: the scene's motion is no constant tilt, its contact is
+            bilateral, or a run fails numerically. Without: it has a `SampledController`.
     """
+    options = Options.checked(dt, method, formulation, tolerance=tolerance)
     distance = checks.positive("distance", distance)
     settle = checks.non_negative("settle", settle)
     if profile is not None:
@@ -270,7 +292,8 @@ def carry_limits(
     tilts = checks.array("tilt", tilt, ("m",) if np.ndim(tilt) else ())
     if tilts.ndim:
         how: dict[str, Any] = {"time": time, "shear": shear, "near": near, "grip": grip}
-        how |= {"distance": distance, "settle": settle, "profile": profile}
+        how |= {"distance": distance, "settle": settle, "profile": profile, "dt": dt}
+        how |= {"method": method, "formulation": formulation, "tolerance": tolerance}
         each = [carry_limits(grasp, directions, tilt=t, **how) for t in tilts.tolist()]
         all_tilts: dict[str, Any] = {"equilibrium": tuple(one.equilibrium for one in each)}
         all_tilts |= {k: np.stack([getattr(one, k) for one in each]) for k in ("limit", "cause")}
@@ -284,15 +307,20 @@ def carry_limits(
             raise ValueError(f"tilt = {tilt}: the scene has a motion already")
         grasp = grasp.with_({"motion": HandMotion.constant(tilt=tilt)})
     rest = _equilibrium_of(grasp, time=time, shear=shear, near=near, grip=grip)
+    motion = rest.scene.motion
+    tilt = 0.0 if motion is None else float(motion.at(rest.time).tilt)
     if profile is not None and rest.scene.contact != "unilateral":
         raise ValueError('profile: needs contact = "unilateral", a bilateral one is never lost')
-    if rest.scene.motion is not None:
-        tilt = float(rest.scene.motion.at(rest.time).tilt)
-    limit, cause, _ = _limits_of(rest, rows)
-    if profile is not None:
-        move = partial(_move, rest, profile, settle, tilt)
-        ways = zip(distance * rows, limit, strict=True)
-        found = [_fastest(partial(move, way), slow) for way, slow in ways]
+    if profile is None or rest.state is None or _is_unstable(rest):
+        limit, cause, _ = _limits_of(rest, rows)
+    elif not isinstance(motion, ConstantMotion | None) or (motion and any(motion.acceleration)):
+        rule = "must be None or HandMotion.constant(tilt=...), whose place the move takes"
+        raise ValueError(f"Scene.motion: with profile = {profile!r} it {rule}")
+    else:
+        usual.warn(rest.scene)
+        start = Request(rest.scene.with_({"initial": rest.state}), options)
+        loses = partial(_cause_of_loss, start, profile, settle, tilt)
+        found = [_fastest(partial(loses, way)) for way in distance * rows]
         limit, cause = np.array([a for a, _ in found]), [name for _, name in found]
     causes = np.array(cause)
     return CarryLimits(
@@ -300,36 +328,47 @@ def carry_limits(
     )
 
 
-def _move(
-    rest: Equilibrium, profile: Profile, settle: float, tilt: float, way: Floats, peak: float
-) -> Run:
-    """The run of a move along `way` (2,), m, with a peak acceleration, m/s^2."""
+def _cause_of_loss(
+    start: Request, profile: Profile, settle: float, tilt: float, way: Floats, peak: float
+) -> str:
+    """What gives way in a move along `way` (2,), m, with a peak acceleration, m/s^2; or ""."""
     duration = _DURATIONS[profile] * math.sqrt(np.hypot(*way) / peak)
-    times, points = [rest.time, rest.time + duration], np.outer([0.0, 1.0], way)
-    if profile == "trapezoid":
-        motion = HandMotion.trapezoid(times, points, peak, tilt)
-    else:
-        motion = HandMotion.minimum_jerk(times, points, tilt)
-    changes = {"initial": rest.state, "duration": duration + settle, "motion": motion}
-    return simulate(rest.scene.with_(changes))
+    times, points = start.scene.start().time + np.array([0.0, duration]), np.outer([0.0, 1.0], way)
+    shape: dict[str, Any] = {"acceleration": peak} if profile == "trapezoid" else {}
+    motion = getattr(HandMotion, profile)(times, points, tilts=tilt, **shape)
+    changes = {"duration": duration + settle, "motion": motion}
+    request = start.with_(start.scene.with_(changes))
+    result = request.run_to_end()
+    status, faults = result["status"], faults_of_steps(request, result)
+    if faults or status in _FAILED:
+        why = "; ".join(faults or [result["message"], 'method="radau5", tolerance=1e-6 may do'])
+        ended = f'a move with a peak of {peak:.6g} m/s^2 ended as "{status}", not by the grasp'
+        raise ValueError(f"profile: {ended}: {why}")
+    cause = status if status != "completed" else next(iter(result["violations"]), "lost")
+    return "" if result["holds"] else cause
 
 
-def _fastest(run: Callable[[float], Run], slow: float) -> tuple[float, str]:
-    """The largest acceleration of a move that is held, and what gives way above it."""
-    if not slow:
-        return 0.0, run(1.0).status
-    low, high = 0.0, _FIRST * min(slow, _FASTEST / _FIRST)
-    lost = run(high)
-    while lost.holds:
+def _fastest(loses: Callable[[float], str]) -> tuple[float, str]:
+    """The largest peak below which no move is seen to be lost, and the cause of losses above it."""
+    low, high = 0.0, _FIRST
+    while not (cause := loses(high)):
         if high >= _FASTEST:
             return math.inf, "none"
-        low, high = high, _FIRST * high
-        lost = run(high)
-    while high - low > _CLOSE * high:
+        low, high = high, 2.0 * high
+    low, cause = _bisect(loses, low, high, cause)
+    peaks = np.linspace(0.0, low, _PEAKS + 2).tolist() if low else []
+    for held, peak in pairwise(peaks[:-1]):
+        if found := loses(peak):
+            return _bisect(loses, held, peak, found)
+    return low, cause
+
+
+def _bisect(loses: Callable[[float], str], low: float, high: float, why: str) -> tuple[float, str]:
+    """A peak that is held, just below one that is lost, and the cause of that loss."""
+    while high - low > _CLOSE * high and high > _SLOWEST:
         middle = 0.5 * (low + high)
-        tried = run(middle)
-        if tried.holds:
-            low = middle
+        if found := loses(middle):
+            high, why = middle, found
         else:
-            high, lost = middle, tried
-    return low, lost.status if lost.status != "completed" else next(iter(lost.violations), "lost")
+            low = middle
+    return low, why

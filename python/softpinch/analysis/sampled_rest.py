@@ -13,7 +13,9 @@ from ..run.stiffness import MEASURED
 from ..scene.control import WRITTEN, Pid, SampledController
 from ..scene.loop_matrix import NEUTRAL, common_period, driving, factors, measured
 from ..scene.motion import HandMotion
+from ..scene.outline import object_axes
 from ..scene.parts import branches
+from ..scene.piecewise import evaluate
 from ..scene.scene import Scene, State, inputs
 from ..scene.schedule import Schedule
 from ..support.arrays import Complexes, Floats
@@ -68,11 +70,9 @@ def _law_at_rest(
     """What the equations of all blocks, the first one first, lack, and their number of unknowns."""
     blocks = [(block, driving(block)) for _, block in control.blocks()][::-1]
     zero, schedule = np.zeros(2), np.array(scene.schedule.target(time))
-    frame = (scene.motion or HandMotion.constant()).at(time)
-    cos, sin = np.cos(frame.tilt), np.sin(frame.tilt)
-    felt = np.array([[cos, sin], [-sin, cos]]) @ (
-        frame.acceleration + np.array([0.0, scene.gravity])
-    )
+    motion = scene.motion or HandMotion.constant()
+    acceleration = evaluate(motion.compile().acceleration, np.array(time))  # without its sines
+    felt = object_axes(motion.at(time).tilt) @ np.add(acceleration, [0.0, scene.gravity])
     fixed = {"schedule": schedule, "target_rate": zero, "gyroscope": zero[:1]}
 
     def lacks(found: _Found, rest: Floats) -> Floats:

@@ -107,7 +107,8 @@ def instants(run: Run, times: Floats, forces: bool, fixed: bool = False) -> list
         pressing = np.array(outline.SIGNS) * multipliers[:, :2]
         contact = pressing[..., None] * across + multipliers[:, 2:, None] * along
         # Disturbances do not depend on the state, nor on what moves the fingers and the hand.
-        still = replace(run.scene, control=Pid(), initial=None, motion=None)
+        motion = run.scene.motion and HandMotion.constant()
+        still = replace(run.scene, control=Pid(), initial=None, motion=motion)
         plain, at_rest = replace(still, contact="bilateral", fingers="pid"), np.zeros(9)
         each_forces = [evaluate(plain, t, at_rest, at_rest).forces for t in times.tolist()]
         external = np.array([each.external[:3] for each in each_forces])

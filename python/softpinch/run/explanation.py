@@ -169,7 +169,8 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
         two = " with two sets of gains" * any(own.switch for _, own in scene.control.blocks())
         turns, law = f"a sample every {' and every '.join(periods[::-1])}", f"controllers{two}"
     driver = "the schedule drives the fingers"
-    carried = f"{type(scene.motion).__name__}: inertial forces, gravity that turns, and their work"
+    kind = "" if scene.motion is None else scene.motion._call()[0]
+    carried = f"{kind}: inertial forces and gravity along the hand's axes, and their work"
     events = "tips stick, slip, graze or are free; the events between them are located"
     moved, verb = ("coordinates", "moves") if any(parts.jaws(scene)) else ("angles", "turns")
     name = options.formulation

@@ -114,6 +114,12 @@ def simulate(
 
 def warn_of_steps(request: Request, result: Mapping[str, Any]) -> None:
     """Warns of a run whose steps were too long or whose sampled loop is unstable."""
+    for text in faults_of_steps(request, result):
+        warn(text, StabilityWarning)
+
+
+def faults_of_steps(request: Request, result: Mapping[str, Any]) -> list[str]:
+    """Says whether the steps of a run were too long or its sampled loop is unstable."""
     status, end = result["status"], float(result["t"][-1])
     texts = list(result["warnings"])
     looks = needs_a_look(result["step_to_stable_one"], request.scene, result["violations"])
@@ -126,5 +132,4 @@ def warn_of_steps(request: Request, result: Mapping[str, Any]) -> None:
         texts = []
     if status == "unstable" and not any(texts):
         texts = [result["message"]]
-    for text in filter(None, texts):
-        warn(text, StabilityWarning)
+    return [text for text in texts if text]

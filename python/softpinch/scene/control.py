@@ -406,9 +406,9 @@ def pids_of(control: object) -> tuple[Pid, Pid]:
 parse_control = or_other(one_or_pair(Pid), Law)
 
 
-def require_known_torque(law: str, name: str) -> None:
+def require_known_torque(law: str, name: str, advice: str = "") -> None:
     """Refuses a `SampledController`, whose torques depend on the run; `name` is the function."""
     if law == "sampled":
         rule = "needs the torques at a state, which depend on the run"
-        advice = "replace(scene, control=Torque(), schedule=...) is the one between two samples"
-        raise ValueError(f"Scene.{WRITTEN[law]}: {name} {rule}; {advice}")
+        usual = "replace(scene, control=Torque(), schedule=...) is the one between two samples"
+        raise ValueError(f"Scene.{WRITTEN[law]}: {name} {rule}; {advice or usual}")

@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..support import Floats, Result, checks
+from ..support import Floats, Result, checks, read_csv
 from ..support.record import Kinded, runs_of
 from .piecewise import ROUND_OFF, Piecewise, derivative, evaluate, moves, padded, through
 
@@ -80,11 +81,11 @@ class HandState(Result):
 class HandMotion(Kinded):
     """The motion of the hand's frame, whose origin is the middle of the finger roots.
 
-    Make one with `HandMotion.minimum_jerk`, `.trapezoid`, `.jerk_limited`, `.sampled`, `.sine` or
-    `.constant`. All kinds take positions and accelerations in fixed axes, x to the right and y
-    upwards (k, 2), m and m/s^2; tilts counter-clockwise (k,), or one constant tilt, rad (None is
-    zero); and increasing times (k,) on the clock of the scene, s, before and after which the hand
-    rests. No kind has a jump of velocity.
+    Make one with `HandMotion.minimum_jerk`, `.trapezoid`, `.jerk_limited`, `.sampled`, `.from_csv`,
+    `.sine` or `.constant`. All kinds take positions and accelerations in fixed axes, x to the right
+    and y upwards (k, 2), m and m/s^2; tilts counter-clockwise (k,), or one constant tilt, rad (None
+    is zero); and increasing times (k,) on the clock of the scene, s, before and after which the
+    hand rests. No kind has a jump of velocity.
     """
 
     @staticmethod
@@ -152,12 +153,32 @@ class HandMotion(Kinded):
         origin; after the last sample they are zero, and the hand keeps the velocity it has. With
         `hold` each is held until the next time instead, and the last one from then on.
 
-            >>> import numpy as np, softpinch as sp
-            >>> rows = np.loadtxt(["0.0, 0.0, 0.0", "0.1, 0.01, 0.0"], delimiter=",")  # or a path
-            >>> motion = sp.HandMotion.sampled(rows[:, 0], positions=rows[:, 1:])
+            >>> import softpinch as sp
+            >>> motion = sp.HandMotion.sampled([0.0, 0.1], positions=[[0.0, 0.0], [0.01, 0.0]])
         """
         values = {"positions": positions, "accelerations": accelerations, "tilts": tilts}
         return SampledMotion(times=times, **values, hold=hold)  # type: ignore[arg-type]
+
+    @staticmethod
+    def from_csv(path: str | Path, kind: str = "positions", hold: bool = False) -> HandMotion:
+        """Reads a log for `sampled`, of the columns time, x, y and perhaps tilt, below a heading.
+
+        `kind` is "positions" or "accelerations". Positions and tilts rest at both ends, so a log
+        that is cut in a move is refused: in its first and in its last interval the speed may be at
+        most half of that in the interval beside it, or 5 % of the largest one.
+        """
+        checks.choice("kind", kind, ("positions", "accelerations"))
+        table = read_csv(path, (3, 4), "three or four columns of numbers: time, x, y and tilt")
+        times, values, tilts = np.split(table, [1, 3], axis=1)
+        given: dict[str, Any] = {kind: values, "tilts": tilts[:, 0] if tilts.size else None}
+        motion = SampledMotion(times=times[:, 0], **given, hold=hold)
+        for rows in (values * (kind == "positions"), tilts):
+            speeds = np.sqrt((np.diff(rows, axis=0) ** 2).sum(axis=1)) / np.diff(motion.times)
+            for which, ends in (("first", speeds[:2]), ("last", speeds[:-3:-1])):
+                if len(ends) > 1 and ends[0] > max(0.5 * ends[1], 0.05 * speeds.max()):
+                    moves = f"moves at {ends[0]:.3g} m/s or rad/s in its {which} interval"
+                    raise ValueError(f"{path}: {moves}, must begin and end at rest")
+        return motion
 
     @staticmethod
     def sine(

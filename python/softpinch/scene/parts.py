@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from ..support import SIDES, Floats, Kinded, Record, checks, extras, read_only
+from ..support import SIDES, Floats, Kinded, Record, checks, extras, read_csv, read_only
 
 if TYPE_CHECKING:
     from .hand import Finger, GraspedObject
@@ -221,18 +221,7 @@ class MeasuredLaw(TipLaw):
     @classmethod
     def from_csv(cls, path: str | Path, shear_factor: float = 1.0) -> Self:
         """Reads d_n (m) and F (N), the first two columns of a CSV file; a heading is allowed."""
-        content = checks.path("path", path).read_bytes()
-        try:
-            # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
-            text = content.decode("utf-8-sig").replace('"', "")
-            rows = [line.split(",")[:2] for line in text.splitlines() if line.strip()]
-            try:
-                float(rows[0][0])
-            except (ValueError, IndexError):
-                rows = rows[1:]
-            table = np.array(rows, dtype=np.float64).reshape(-1, 2)
-        except ValueError:
-            raise ValueError(f"{path}: must have two columns of numbers, in m and N") from None
+        table = read_csv(path, (2,), "two columns of numbers, in m and N", 2)
         return cls(table[:, 0], table[:, 1], shear_factor)
 
     @cached_property

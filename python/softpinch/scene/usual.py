@@ -19,6 +19,7 @@ from .contact import coefficients
 from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
 from .loop_matrix import common_period, growth
+from .motion import HandMotion
 from .outline import closing, compression
 from .parts import in_words, jaws, width
 from .schedule import default_schedule
@@ -60,14 +61,22 @@ def warn(scene: Scene, schedule_replaced: bool = False) -> None:
 
 def suspicions(scene: Scene) -> tuple[str, ...]:
     """Returns messages of `warn`: one for each unusual field, about an array's worst entry."""
-    texts = (*_unusual(scene), *_heavy_tips(scene), *_growing_swings(scene))
+    texts = (*_unusual(scene), *_heavy_tips(scene), *_growing_swings(scene), *_beside(scene))
     if not any(text.startswith("schedule.") for text in texts):
         texts += tuple(_opening(scene))
     if not any(text.startswith("grasped.") for text in texts):
         texts += tuple(_other_inertia(scene))
-    if scene.schedules_angles:
-        return texts
-    return tuple(text for text in texts if not text.startswith("schedule.angles"))
+    return tuple(t for t in texts if scene.schedules_angles or not t.startswith("schedule.angles"))
+
+
+def _beside(scene: Scene) -> Iterator[str]:
+    """Yields a message about a motion that is over before the run, or begins after it."""
+    position, tilt, _ = (scene.motion or HandMotion.constant()).compile()
+    times, begin = [*position[0], *tilt[0]], getattr(scene.initial, "time", 0.0)
+    end, goes_on = begin + scene.duration, getattr(scene.motion, "hold", False)
+    if len(times) > 1 and (min(times) >= end or (max(times) <= begin and not goes_on)):
+        run = f"the run is from {begin:g} to {end:g} s"
+        yield f"motion.times: the hand moves from {min(times):g} to {max(times):g} s only, {run}"
 
 
 def _heavy_tips(scene: Scene) -> Iterator[str]:

@@ -16,9 +16,10 @@ from .extras import require
 from .progress import Report, reporting
 from .record import SIDES, Kinded, Record, plain
 from .result import ByValue, Result
-from .table import Table, save_csv, save_map, save_npz
+from .table import Table, read_csv, save_csv, save_map, save_npz
 
 __all__ = ["SIDES", "Bools", "ByValue", "Complexes", "ContactModel", "Fingers", "Floats"]
 __all__ += ["Formulation", "Hold", "Kinded", "Method", "Record", "Recordable", "Report", "Result"]
-__all__ += ["Shown", "ShownTable", "Table", "Texts", "Violation", "plain", "read_only", "reporting"]
-__all__ += ["require", "save_csv", "save_map", "save_npz", "text_of", "warn", *errors.__all__]
+__all__ += ["Shown", "ShownTable", "Table", "Texts", "Violation", "plain", "read_csv", "read_only"]
+__all__ += ["reporting", "require", "save_csv", "save_map", "save_npz", "text_of", "warn"]
+__all__ += errors.__all__

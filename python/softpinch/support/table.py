@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import checks
+from .arrays import Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +25,23 @@ class Table:
     def save(self, path: Path) -> Path:
         """Writes a CSV file with exact numbers."""
         return save_csv(path, self.columns, self.rows)
+
+
+def read_csv(path: str | Path, counts: Sequence[int], rule: str, most: int | None = None) -> Floats:
+    """Reads columns of a CSV file, at `most` so many; `counts` are allowed. A heading is, too."""
+    content = checks.path("path", path).read_bytes()
+    with suppress(ValueError):
+        # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
+        text = content.decode("utf-8-sig").replace('"', "")
+        rows = [line.split(",")[:most] for line in text.splitlines() if line.strip()]
+        try:
+            float(rows[0][0])
+        except (ValueError, IndexError):
+            rows = rows[1:]
+        table = np.array(rows, dtype=np.float64)
+        if table.shape[1:] in [(count,) for count in counts]:
+            return table
+    raise ValueError(f"{path}: must have {rule}")
 
 
 def save_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
