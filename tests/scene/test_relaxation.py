@@ -271,6 +271,36 @@ def test_toml_paths_and_errors_name_the_branch() -> None:
             sensitivities=["grasped.mass"],
         )
     two = replace(scene, hand=sp.Hand(tip=sp.Fingertip(relaxation=BRANCHES)))
-    with pytest.raises(ValueError, match="at most 1"):
+    with pytest.raises(
+        ValueError, match="Maxwell branches of a tip: 2; must be fewer: a state has no"
+    ):
         sp.simulate(two, record="energy")
     assert sp.simulate(two).status == "completed"
+
+
+@pytest.mark.filterwarnings("ignore::softpinch.StabilityWarning")
+@pytest.mark.parametrize("contact", ["bilateral", "unilateral"])
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("branches", [1, 2])
+def test_steps_that_may_be_unstable_are_guarded_only_where_a_state_has_place_for_the_works(
+    contact: str, moves: bool, branches: int
+) -> None:
+    """The guard is a ledger, for which a state of 32 numbers has no place beside two branches."""
+    tip = sp.Fingertip(normal_mass=1e-3, tangential_mass=1e-3, relaxation=BRANCHES[:branches])
+    scene = sp.Scene(
+        hand=sp.Hand(tip=tip),
+        contact=contact,
+        friction=0.8,
+        initial="touching",
+        motion=sp.HandMotion.constant((1.0, 0.0)) if moves else None,
+        duration=0.01,
+    )
+    dt = 0.98 * sp.max_stable_dt(scene).dt
+    summaries = ("slip_distance", "final_state")
+    for chosen in (summaries, summaries[1:]):
+        many = sp.monte_carlo(scene, 2, vary={"friction": [0.8, 0.9]}, dt=dt, summaries=chosen)
+        assert many.status.tolist() == ["completed"] * 2
+        run = sp.simulate(scene, dt=dt)
+        assert many["final_state"][0].tobytes() == np.r_[run.q[-1], run.p[-1]].tobytes()
+    held = sp.Simulator(replace(scene, control=sp.Torque()), period=dt, dt=dt)
+    assert held.step((0.1, 0.1)).status == "running"

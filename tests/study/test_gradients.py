@@ -134,6 +134,33 @@ def test_instants_before_summaries_after_are_left_out_of_gradients_as_of_summari
         np.testing.assert_array_equal(ensemble.gradients[name]["gravity"], theirs, name)
 
 
+@pytest.mark.parametrize("exponent", [1.6, 2.5])
+def test_the_margin_of_tips_with_another_law_has_the_derivative_of_its_scale_too(
+    exponent: float,
+) -> None:
+    """Forces count in the modulus with which (5) would be as stiff: it changes with the law."""
+    numbers = {"coefficient": 2.5e5 * 0.01 ** (2.0 - exponent), "exponent": exponent}
+
+    def grasp(**changes: float) -> sp.Scene:
+        c, n = {**numbers, **changes}.values()
+        tips = tuple(replace(tip, law=sp.PowerLaw(c, n, foot=1e-4)) for tip in SCENE.hand.tips)
+        return uneven(friction=(0.9, 0.9), hand=replace(SCENE.hand, tip=tips))
+
+    def margin(scene: sp.Scene) -> float:
+        rows = sp.monte_carlo(scene, 1, dt=5e-4, summaries="margin", progress=False)
+        return float(rows["margin"][0])
+
+    for name, path in (("coefficient", "law.coefficient"), ("exponent", "law.exponent")):
+        sides = [f"hand.tip.{side}.{path}" for side in ("right", "left")]
+        found = sp.monte_carlo(
+            grasp(), 1, dt=5e-4, gradients="margin", sensitivities=sides, progress=False
+        ).gradients["margin"]
+        size = numbers[name]
+        ours = size * sum(float(found[side][0]) for side in sides)
+        after, before = (margin(grasp(**{name: size * (1.0 + by)})) for by in (1e-5, -1e-5))
+        assert ours == pytest.approx((after - before) / 2e-5, rel=1e-5), name
+
+
 def test_gradients_of_a_run_that_ends_early_are_those_of_its_end() -> None:
     scene = replace(SCENE, disturbances=(sp.Step(time=0.001, force=(400.0, 0.0)),))
     ensemble = sp.monte_carlo(
