@@ -17,6 +17,7 @@ use crate::model::scene::Scene;
 use crate::model::start::{State, contact, driven};
 use crate::number::row::Row4;
 use crate::number::simd::dispatch::LaneKernel;
+use crate::number::simd::level::LEVELS;
 use crate::number::trigonometry::LIBM_LANES;
 use crate::stepping::ending::Status;
 use crate::stepping::monitor::Violation;
@@ -100,23 +101,39 @@ pub(crate) fn portable(shared: &Shared<'_>) -> Result<Vec<Row>, Error> {
     in_lanes(shared, |runs| runs.run::<Row4>())
 }
 
-/// Compares the rows of `runs` runs in lanes, which runs leave and enter, or in one loop, with the rows of single runs:
-/// every number, as text with all of its digits. Returns the rows.
+/// The rows of runs that are computed one by one.
+fn alone(runs: usize, scenes: impl Fn(usize) -> Result<Scene, Error>, options: &Options) -> Vec<Row> {
+    let one = |number| simulate(&scenes(number).expect("valid"), options, &|| false).expect("valid").0;
+    (0..runs).map(|number| Row::of(number, one(number))).collect()
+}
+
+/// Compares the rows of runs in lanes, which runs leave and enter, or in one loop, with those of the same runs [`alone`]:
+/// every number, as text with all of its digits.
+fn require_rows(
+    alone: &[Row],
+    scenes: impl Fn(usize) -> Result<Scene, Error> + Sync,
+    options: &Options,
+    rows: impl Fn(&Shared<'_>) -> Result<Vec<Row>, Error>,
+) {
+    let shared = Shared::new(&scenes, alone.len(), options);
+    let mut rows = rows(&shared).expect("the scenes are valid");
+    rows.sort_unstable_by_key(|row| row.run);
+    assert_eq!(rows.len(), alone.len());
+    for (row, alone) in rows.iter().zip(alone) {
+        assert_eq!(format!("{row:?}"), format!("{alone:?}"), "{options:?}");
+    }
+}
+
+/// The same for this many runs. Returns the rows.
 fn require_alone(
     runs: usize,
     scenes: impl Fn(usize) -> Result<Scene, Error> + Sync,
     options: &Options,
     rows: impl Fn(&Shared<'_>) -> Result<Vec<Row>, Error>,
 ) -> Vec<Row> {
-    let shared = Shared::new(&scenes, runs, options);
-    let mut rows = rows(&shared).expect("the scenes are valid");
-    rows.sort_unstable_by_key(|row| row.run);
-    assert_eq!(rows.len(), runs);
-    for (number, row) in rows.iter().enumerate() {
-        let (run, _) = simulate(&scenes(number).expect("valid"), options, &|| false).expect("valid");
-        assert_eq!(format!("{row:?}"), format!("{:?}", Row::of(number, run)));
-    }
-    rows
+    let alone = alone(runs, &scenes, options);
+    require_rows(&alone, scenes, options, rows);
+    alone
 }
 
 /// The scene of a run whose tips slip, open and meet the object again, at times that differ between runs.
@@ -146,15 +163,47 @@ fn portable_lanes_give_the_bits_of_lone_runs_with_events() {
             ..Options::default()
         };
         let options = Options { steps: Steps::Fixed(dt), ..base.clone() };
-        let equal = require_alone(11, slipping, &options, portable);
+        require_events(&require_alone(11, slipping, &options, portable));
         let steps = Steps::Free { tolerance };
         let options = Options { steps, method: Method::Dop853, ..base };
-        let adaptive = require_alone(11, slipping, &options, portable);
-        for rows in [equal, adaptive] {
-            let shown =
-                |violation| rows.iter().filter(|row| !row.violations[violation as usize].is_nan()).count();
-            assert!(shown(Violation::Slipping) > 5 && shown(Violation::Opened) > 5, "{rows:?}");
-            assert!(rows.iter().all(|row| row.status == Status::Completed));
+        require_events(&require_alone(11, slipping, &options, portable));
+    }
+}
+
+/// Most runs must have slipped and opened, and all must have reached their ends.
+fn require_events(rows: &[Row]) {
+    let shown = |violation| rows.iter().filter(|row| !row.violations[violation as usize].is_nan()).count();
+    assert!(shown(Violation::Slipping) > 5 && shown(Violation::Opened) > 5, "{rows:?}");
+    assert!(rows.iter().all(|row| row.status == Status::Completed));
+}
+
+/// The vectors of the processor have code of their own for every operation, and the steps of each method are compiled for each
+/// kind of vectors. So every method whose steps have lanes is compared in all of them, in both kinds of contact.
+#[test]
+fn lanes_of_every_level_give_the_bits_of_lone_runs() {
+    // More accurate runs would take longer, but their loops would do nothing else.
+    for (method, steps) in [
+        (Method::Rk4, Steps::Fixed(2e-4)),
+        (Method::Dop853, Steps::Fixed(1e-3)),
+        (Method::Dop853, Steps::Free { tolerance: 1e-4 }),
+        (Method::Rosenbrock, Steps::Fixed(1e-3)),
+        (Method::Rosenbrock, Steps::Free { tolerance: 1e-2 }),
+    ] {
+        for (contact, formulation) in
+            [(ContactModel::Bilateral, Formulation::Csm), (ContactModel::Unilateral, Formulation::Projected)]
+        {
+            let unilateral = contact == ContactModel::Unilateral;
+            // Most events are early.
+            let brief = |scene: Scene| Scene { duration: 0.6 * scene.duration, ..scene };
+            let scenes = |run: usize| if unilateral { slipping(run).map(brief) } else { scene(run) };
+            let options = Options { method, steps, formulation, contact, ..Options::default() };
+            let alone = alone(9, scenes, &options);
+            if unilateral {
+                require_events(&alone);
+            }
+            for (_, simd) in LEVELS.into_iter().filter(|(_, level)| level.is_available()) {
+                require_rows(&alone, scenes, &Options { simd, ..options.clone() }, work);
+            }
         }
     }
 }
