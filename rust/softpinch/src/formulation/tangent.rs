@@ -18,7 +18,10 @@ pub trait Linear<R: Lanes> {
     /// Writes the Jacobian at time `tau` of a segment and state `y`. The zeros that fill it are left as they are.
     fn jacobian_into(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>, jacobian: &mut Jacobian<R>);
 
-    fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R> {
+    fn jacobian(&self, drive: &SegmentDrive<R>, tau: R, y: &States<R>) -> Jacobian<R>
+    where
+        Self: Sized,
+    {
         let mut jacobian = Jacobian::zero();
         self.jacobian_into(drive, tau, y, &mut jacobian);
         jacobian

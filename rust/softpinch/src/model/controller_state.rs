@@ -4,6 +4,7 @@
 use crate::error::{Error, Result, require};
 use crate::model::noise::normals;
 use crate::model::{FrameMotion, Measure, Motion, SampledController};
+use crate::number::inlined;
 
 const FIELD: &str = "State.controller";
 
@@ -114,19 +115,16 @@ impl ControllerState {
         last <= t && t <= controller.sampled(self.origin, self.taken)
     }
 
-    /// Whether a sample is to be taken at the instant `t`.
-    pub fn is_due(&self, controller: &SampledController, t: f64) -> bool {
-        controller.sampled(self.origin, self.taken) <= t
-    }
-
-    /// Whether torques under way act from `t` or earlier.
-    pub fn acts(&self, controller: &SampledController, t: f64) -> bool {
-        self.acted < self.used && controller.applied(self.origin, self.acted) <= t
-    }
-
-    /// Whether measurements are to be used at `t`.
-    pub fn uses(&self, controller: &SampledController, t: f64) -> bool {
-        self.used < self.taken && controller.used(self.origin, self.used) <= t
+    inlined! {
+        /// Whether a sample is to be taken at the instant `t`.
+        pub is_due(&self, controller: &SampledController, t: f64) -> bool =
+            controller.sampled(self.origin, self.taken) <= t;
+        /// Whether torques under way act from `t` or earlier.
+        pub acts(&self, controller: &SampledController, t: f64) -> bool =
+            self.acted < self.used && controller.applied(self.origin, self.acted) <= t;
+        /// Whether measurements are to be used at `t`.
+        pub uses(&self, controller: &SampledController, t: f64) -> bool =
+            self.used < self.taken && controller.used(self.origin, self.used) <= t;
     }
 
     /// Puts these torques in force.

@@ -12,6 +12,7 @@ use std::sync::Arc;
 use crate::error::{Error, Result, brief, require, require_at_most};
 use crate::model::noise::{MOST_SAMPLES, normal, uniforms};
 use crate::model::{Measure, Rule};
+use crate::number::inlined;
 
 /// Largest number of outputs that are under way at a time.
 const MOST_UNDER_WAY: f64 = 1e4;
@@ -128,19 +129,14 @@ impl SampledController {
         })
     }
 
-    /// The blocks of the cascade, the last one first.
-    pub fn blocks(&self) -> impl Iterator<Item = &Self> {
-        std::iter::successors(Some(self), |block| block.outer.as_deref())
-    }
-
-    /// Number of states.
-    pub fn states(&self) -> usize {
-        self.c.len() / 2
-    }
-
-    /// Number of measured numbers.
-    pub fn inputs(&self) -> usize {
-        self.measures.iter().map(|measure| measure.width()).sum()
+    inlined! {
+        /// The blocks of the cascade, the last one first.
+        pub blocks(&self) -> impl Iterator<Item = &Self> =
+            std::iter::successors(Some(self), |block| block.outer.as_deref());
+        /// Number of states.
+        pub states(&self) -> usize = self.c.len() / 2;
+        /// Number of measured numbers.
+        pub inputs(&self) -> usize = self.measures.iter().map(|measure| measure.width()).sum();
     }
 
     /// Checks numbers and sizes.
