@@ -97,6 +97,47 @@ def test_numbers_without_a_derivative_are_refused(text: str) -> None:
             sp.monte_carlo(scene, 2, dt=1e-3, gradients="final_state", sensitivities=paths)
 
 
+def powered(exponent: float, foot: float | None) -> sp.Scene:
+    law = sp.PowerLaw(1.6e5, exponent, foot)
+    return sp.Scene(hand=sp.Hand(tip=sp.Fingertip(law=law)), initial="touching", duration=0.005)
+
+
+FOOT = "hand.tip.law.foot"
+NO_FOOT = r"sensitivities: 'hand\.tip\.law\.foot' = 0: .* n <= 2 .*: give a foot"
+
+
+@pytest.mark.parametrize("exponent", [1.67, 2.0])
+@pytest.mark.parametrize("foot", [None, 0.0])
+def test_a_foot_of_zero_has_a_derivative_above_a_square_only(
+    exponent: float, foot: float | None
+) -> None:
+    """Below a square differences grow without bound as they shrink; of a square they are zero."""
+    scene = powered(exponent, foot)
+    with pytest.raises(ValueError, match=NO_FOOT):
+        simulated(scene, FOOT)
+    with pytest.raises(ValueError, match=NO_FOOT):
+        sp.monte_carlo(scene, 2, dt=1e-3, gradients="final_state", sensitivities=FOOT)
+    with pytest.raises(ValueError, match=NO_FOOT):
+        sp.fit(scene, [1e-3, 2e-3], {"x": [0.0, 0.0]}, {FOOT: (0.0, 1e-3)}, noise=1e-6, dt=1e-3)
+    assert simulated(powered(exponent, 1e-4), FOOT).success
+    above = powered(2.5, foot)
+    run = simulated(above, FOOT)
+    moved = (sp.simulate(above.with_({FOOT: 1e-8}), dt=1e-3).q[-1] - run.q[-1]) / 1e-8
+    off = run.sensitivity[FOOT][-1, :9] - moved
+    assert np.abs(off).max() <= 0.01 * np.abs(moved).max()
+
+
+def test_runs_without_a_foot_have_no_gradient_by_it() -> None:
+    vary: Any = {"hand.tip.law.exponent": [1.67, 2.0, 2.5], FOOT: [0.0, 1e-4, 0.0]}
+    with pytest.warns(sp.StabilityWarning, match=r"1 of 3 runs have NaN .*give a foot \(1\)"):
+        found = sp.monte_carlo(
+            powered(1.67, None), vary=vary, dt=1e-3, gradients="final_state", progress=False
+        )
+    by = found.gradients["final_state"]
+    assert np.isnan(by[FOOT]).all(axis=1).tolist() == [True, False, False]
+    assert np.isfinite(by["hand.tip.law.exponent"]).all()
+
+
 def test_a_number_is_no_path() -> None:
     with pytest.raises(TypeError, match=r"^sensitivities = \[3\]: must be paths"):
         simulated(SCENE, [3])
