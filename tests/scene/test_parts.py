@@ -145,7 +145,7 @@ def test_a_curve_is_read_from_a_file_and_one_that_saturates_is_refused(tmp_path:
     path = tmp_path / "tip.csv"
     curve = zip(MEASURED.compression.tolist(), MEASURED.force.tolist(), strict=True)
     rows = "\n".join(f"{d},{f}" for d, f in curve)
-    for headings in ("", "d [m],F [N]\n"):
+    for headings in ("", "d [m],F [N]\n", "# pressed on glass\nd,F\n#, 20 C\n0,0\n"):
         path.write_text(headings + rows)
         assert sp.MeasuredLaw.from_csv(path) == MEASURED
     # What spreadsheets write: a mark of the encoding, quoted numbers.
@@ -157,8 +157,30 @@ def test_a_curve_is_read_from_a_file_and_one_that_saturates_is_refused(tmp_path:
         with pytest.raises(ValueError, match=r"tip\.csv: must have two columns of numbers"):
             sp.MeasuredLaw.from_csv(path)
     d = np.linspace(1e-3, 0.02, 20)
-    with pytest.raises(ValueError, match=r"misses it by \d+% of the .* convex, without sat"):
+    place = r"^MeasuredLaw\.force = 0\.993262 N at 0\.02 m: "
+    with pytest.raises(ValueError, match=rf"{place}.*misses it by \d+% of .* convex, without sat"):
         sp.MeasuredLaw(d, 1.0 - np.exp(-d / 4e-3))
+    # Its stiffness at zero is not zero.
+    for k in (0.0, 1e3):
+        with pytest.raises(ValueError, match=r"N at 0\.02 m: .* flat-ended tip; F'\(0\) must be 0"):
+            sp.MeasuredLaw(d, 1e3 * d + k * d**2)
+
+
+def test_measured_forces_may_begin_at_zero_and_scatter() -> None:
+    d = np.array([0.0, 1e-3, 2e-3, 3e-3, 4e-3])
+    force = np.array([0.0, 1.1, 4.3, 4.2, 15.0])
+    law = sp.MeasuredLaw(d, force)
+    assert law == sp.MeasuredLaw(d[1:], force[1:])
+    assert sp.fit_law(d, force, "measured").law == law
+    assert eval(repr(law), vars(sp).copy()) == law
+    assert str(law) == f"{law!r}, misfit {law.misfit:.2%}"
+    scene = linked(hand=sp.Hand(tip=sp.Fingertip(law=law)))
+    assert f"MeasuredLaw; the measured forces are met within {law.misfit:.2%}" in str(
+        sp.explain(scene, measure=False)
+    )
+    for wrong in ([0.5, 1.0, 4.0, 9.0, 15.0], [0.0, -0.1, 4.0, 9.0, 15.0]):
+        with pytest.raises(ValueError, match="must be at least 3 numbers above zero, after a "):
+            sp.MeasuredLaw(d, wrong)
 
 
 @pytest.mark.parametrize("beyond", [-1e-3, 9e-3, np.nan])

@@ -28,6 +28,7 @@ _WEIGHTS = 10
 # Resistance of the weights' second differences against noise, and the misfit beyond which no
 # springs of (4) have such a force, as shares of the largest force.
 _SMOOTHING, _MISFIT = 1e-3, 0.1
+_STRAIGHT = 0.05  # the largest distance from a straight line, as such a share
 _LEAST = 3  # measurements
 JOINT = ("joint_friction", "creep_rate")  # of dry friction
 
@@ -166,8 +167,8 @@ class PowerLaw(TipLaw):
 
     Attributes:
         coefficient: c, N/m^n.
-        exponent: n, above 1. Below 2 the stiffness against shear has a pole where a tip is
-            released; a `foot` removes it.
+        exponent: n, above 1. Below 2 the force of a sheared tip has a pole where it is released,
+            in which a run can end; runs warn of it, and a `foot` removes it.
         foot: epsilon, m: F = c {(d + epsilon)^n - epsilon^n - n epsilon^(n-1) d}, whose relative
             change is about n epsilon / d. None is no foot.
         shear_factor: Stiffness against shear as a share of the normal stiffness F'.
@@ -194,8 +195,9 @@ class MeasuredLaw(TipLaw):
     compression F'' keeps its last value.
 
     Attributes:
-        compression: d_n, rising from above zero (k,), m; at least three.
-        force: F, rising (k,), N.
+        compression: d_n, rising from above zero (k,), m; at least three. A first row of zeros is
+            left out, as the law has it anyway.
+        force: F, above zero (k,), N; it may scatter.
         shear_factor: Stiffness against shear as a share of the normal stiffness F'.
 
     Raises:
@@ -213,19 +215,32 @@ class MeasuredLaw(TipLaw):
         self._set("compression", compression)
         self._set("force", force)
         if not self.misfit <= _MISFIT:
+            k = int(np.abs(self.predicted(compression) - force).argmax())
+            rule = "must be convex, without saturation or sharp bends"
+            line = compression * (compression @ force / (compression @ compression))
+            if np.abs(force - line).max() <= _STRAIGHT * force.max():
+                rule = "a straight line from zero is the force of a flat-ended tip; F'(0) must be 0"
             raise ValueError(
-                f"MeasuredLaw.force: the best law of springs misses it by {self.misfit:.0%} of the "
-                "largest force: must be convex, without saturation or sharp bends"
+                f"MeasuredLaw.force = {force[k]:g} N at {compression[k]:g} m: the best law of "
+                f"springs misses it by {self.misfit:.0%} of the largest force: {rule}"
             )
+
+    def __str__(self) -> str:
+        # The repr can be pasted.
+        return f"{self!r}, misfit {self.misfit:.2%}"
 
     @classmethod
     def from_csv(cls, path: str | Path, shear_factor: float = 1.0) -> Self:
-        """Reads d_n (m) and F (N), the first two columns of a CSV file; a heading is allowed."""
+        """Reads d_n (m) and F (N), the first two columns of a CSV file.
+
+        A heading, and lines that begin with #, are allowed.
+        """
         content = checks.path("path", path).read_bytes()
         try:
             # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
             text = content.decode("utf-8-sig").replace('"', "")
-            rows = [line.split(",")[:2] for line in text.splitlines() if line.strip()]
+            lines = (line.strip() for line in text.splitlines())
+            rows = [line.split(",")[:2] for line in lines if line and not line.startswith("#")]
             try:
                 float(rows[0][0])
             except (ValueError, IndexError):
@@ -239,7 +254,7 @@ class MeasuredLaw(TipLaw):
     def weights(self) -> Floats:
         """The density of springs F'' in Bernstein polynomials over the range (10,), N/m^2."""
         optimize = extras.require("scipy.optimize", extra="study", purpose="MeasuredLaw")
-        reach, largest = self.compression[-1], self.force[-1]
+        reach, largest = self.compression[-1], self.force.max()
         sizes = self.force + 0.05 * largest
         rows = _integrals(self.compression / reach, 2) * reach**2 / sizes[:, None]
         smooth = _SMOOTHING * np.diff(np.eye(_WEIGHTS), n=2, axis=0) * reach**2 / largest
@@ -266,7 +281,8 @@ class MeasuredLaw(TipLaw):
     @cached_property
     def misfit(self) -> float:
         """The largest difference between fitted and measured forces over the largest force."""
-        return float(np.abs(self.predicted(self.compression) - self.force).max() / self.force[-1])
+        off = np.abs(self.predicted(self.compression) - self.force).max()
+        return float(off / self.force.max())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -289,12 +305,14 @@ class Maxwell(Record):
 def measured_curve(owner: str, compression: object, force: object) -> tuple[Floats, Floats]:
     """Checks compressions and forces (k,) of a measured law; `owner` begins names in errors."""
     d = checks.increasing(f"{owner}compression", compression)
-    f = checks.increasing(f"{owner}force", force)
-    for name, values in (("compression", d), ("force", f)):
-        if len(values) < _LEAST or not values[0] > 0.0:
-            rule = f"must be at least {_LEAST} numbers, the first above zero"
-            raise ValueError(f"{owner}{name} = {checks.shown(values.tolist())}: {rule}")
+    f = checks.array(f"{owner}force", force, ("k",))
     checks.same_length(f"{owner}force", f, "compression", len(d))
+    if d[0] == f[0] == 0.0:
+        d, f = d[1:], f[1:]
+    for name, values in (("compression", d), ("force", f)):
+        if len(values) < _LEAST or not values.min() > 0.0:
+            rule = f"must be at least {_LEAST} numbers above zero, after a first row (0, 0) if any"
+            raise ValueError(f"{owner}{name} = {checks.shown(values.tolist())}: {rule}")
     return d, f
 
 

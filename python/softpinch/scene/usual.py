@@ -20,7 +20,7 @@ from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
 from .loop_matrix import common_period, growth
 from .outline import closing, compression
-from .parts import in_words, jaws, width
+from .parts import PowerLaw, in_words, jaws, width
 from .schedule import default_schedule
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ _HEAVY_TIP_FRICTION, _LIGHT = 1.4, 0.01
 _SLENDER, _SMALLER = 100.0, 1.0 - 1e-9
 # Growth of a free finger's swings during the scene that is worth a warning.
 _GROWN = 10.0
+# The moduli (5) of springs, Pa, as stiff as a usual law: from a tenth of the softest tips.
+_LEAST, _MOST = 1e3, 1e13
 # A gap below this length, m, is round-off of the start.
 _ROUND_OFF = 1e-9
 
@@ -60,7 +62,7 @@ def warn(scene: Scene, schedule_replaced: bool = False) -> None:
 
 def suspicions(scene: Scene) -> tuple[str, ...]:
     """Returns messages of `warn`: one for each unusual field, about an array's worst entry."""
-    texts = (*_unusual(scene), *_heavy_tips(scene), *_growing_swings(scene))
+    texts = (*_unusual(scene), *_laws(scene), *_heavy_tips(scene), *_growing_swings(scene))
     if not any(text.startswith("schedule.") for text in texts):
         texts += tuple(_opening(scene))
     if not any(text.startswith("grasped.") for text in texts):
@@ -87,6 +89,28 @@ def _heavy_tips(scene: Scene) -> Iterator[str]:
             "object may have no consistent contact forces; give the tips masses of their own, "
             f"about normal_mass = tangential_mass = {_LIGHT:g} kg"
         )
+
+
+def _laws(scene: Scene) -> Iterator[str]:
+    """Yields messages about laws with a pole where tips open, and about their units."""
+    pair = isinstance(scene.hand.tip, tuple)
+    for side, tip in list(zip(SIDES, scene.hand.tips, strict=True))[: 1 + pair]:
+        law, path = tip.law, f"hand.tip.{side}.law" if pair else "hand.tip.law"
+        if law is None:
+            continue
+        if isinstance(law, PowerLaw) and law.exponent < 2.0 and not law.foot:
+            yield (
+                f"{path}.exponent = {law.exponent:g}: below 2 the force of a sheared tip grows "
+                "without bound where it opens, and a run can end there; give a foot of about "
+                "a hundredth of the usual compression, such as foot=1e-4 m"
+            )
+        # That of the springs which are as stiff at the full compression.
+        modulus = float(law._stiffness(np.asarray(tip.radius))) / (2.0 * math.pi * tip.radius)
+        if not _LEAST <= modulus <= _MOST:
+            yield (
+                f"{path} is as stiff as springs (5) with a modulus of {modulus:.3g} Pa: usual is "
+                f"from {_LEAST:g} to {_MOST:g} Pa; are its numbers in m and N?"
+            )
 
 
 def _growing_swings(scene: Scene) -> Iterator[str]:
