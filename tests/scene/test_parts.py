@@ -1,6 +1,7 @@
 """Jaws and parallelograms, faces and arcs, laws of the tip: through the public names."""
 
 import pickle
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -181,6 +182,20 @@ def test_measured_forces_may_begin_at_zero_and_scatter() -> None:
     for wrong in ([0.5, 1.0, 4.0, 9.0, 15.0], [0.0, -0.1, 4.0, 9.0, 15.0]):
         with pytest.raises(ValueError, match="must be at least 3 numbers above zero, after a "):
             sp.MeasuredLaw(d, wrong)
+
+
+def test_runs_beyond_what_was_measured_are_a_warning() -> None:
+    short = sp.MeasuredLaw(MEASURED.compression[:4], MEASURED.force[:4])
+    tips = (sp.Fingertip(law=MEASURED), sp.Fingertip(law=short))
+    scene = jaws(hand=replace(jaws().hand, tip=tips), schedule=sp.Schedule.steps([0], [[7e-3] * 2]))
+    for record in ("state", ()):
+        with pytest.warns(sp.SuspiciousValueWarning, match=r"^hand\.tip\.left\.law: ") as caught:
+            run = sp.simulate(scene, record=record)
+        (text,) = [str(each.message) for each in caught]
+        deepest = 1e3 * (run.q[:, 6].max() if record else run.state(-1).q[6])
+        assert f"up to 6 mm, and the run compresses the tip by {deepest:.4g} mm" in text
+    with warnings.catch_warnings(action="error"):
+        sp.simulate(jaws(hand=replace(jaws().hand, tip=tips)))
 
 
 @pytest.mark.parametrize("beyond", [-1e-3, 9e-3, np.nan])

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..support import SIDES, SuspiciousValueWarning, errors
+from ..support import SIDES, Floats, SuspiciousValueWarning, errors
 from ..support.suggest import places
 from .contact import coefficients
 from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
 from .loop_matrix import common_period, growth
 from .outline import closing, compression
-from .parts import PowerLaw, in_words, jaws, width
+from .parts import MeasuredLaw, PowerLaw, in_words, jaws, width
 from .schedule import default_schedule
 
 if TYPE_CHECKING:
@@ -58,6 +58,16 @@ def warn(scene: Scene, schedule_replaced: bool = False) -> None:
         )
     for text in texts:
         errors.warn(text, SuspiciousValueWarning)
+
+
+def warn_beyond(scene: Scene, q: Floats) -> None:
+    """Warns of tips that states q (n, 9) of a run compress beyond what was measured of them."""
+    for side, tip, d in zip(SIDES, scene.hand.tips, np.fmax.reduce(q[:, 5:7]), strict=True):
+        if isinstance(tip.law, MeasuredLaw) and d > tip.law.compression[-1]:
+            known = f"{1e3 * tip.law.compression[-1]:.4g} mm"
+            text = f"hand.tip.{side}.law: was measured up to {known}, and the run compresses the "
+            text += f"tip by {1e3 * d:.4g} mm; its springs go on as dense as they are at {known}"
+            errors.warn(text, SuspiciousValueWarning)
 
 
 def suspicions(scene: Scene) -> tuple[str, ...]:
