@@ -251,9 +251,14 @@ def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of the drawing at q (k, 9), mm, without what was thrown out."""
     fingers = [finger_of(scene, side) for side in (0, 1)]
-    lengths = [f.height if isinstance(f, Jaw) else f.length for f in fingers]
+    # Jaws may travel far.
+    ways = np.abs(q[:, 3:5]).max(axis=0)
+    lengths = [
+        abs(f.height) + way if isinstance(f, Jaw) else f.length
+        for f, way in zip(fingers, ways.tolist(), strict=True)
+    ]
     size = max(
-        abs(length) + f.root_offset + f.half_thickness + tip.radius
+        length + f.root_offset + f.half_thickness + tip.radius
         for length, f, tip in zip(lengths, fingers, scene.hand.tips, strict=True)
     )
     joints = [
