@@ -50,7 +50,7 @@ SLIPS = [
 
 CURVE = np.array([1.0, 2.0, 4.0, 8.0])
 POLE = r"law\.exponent = 1\.2: below 2 .* grows without bound where it opens.*such as foot=1e-4 m"
-UNITS = r"law is as stiff as springs \(5\) with a modulus of .* usual is from 1000 .*in m and N\?"
+UNITS = r"law: is as stiff as springs with a modulus of .* usual is from 1000 .*in m and N\?"
 # F = pi E d^2 with E = 0.3 MPa.
 LAWS: list[tuple[Any, str]] = [
     (sp.PowerLaw(1.6e5, 1.2), POLE),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..scene import Scene, Stabilization, usual
@@ -92,8 +91,8 @@ def simulate(
             constraint errors; or `dt` was too long for an explicit method to be stable, where the
             warning has the longest stable step; or the run failed, and the loop of its
             `SampledController` is unstable, where it has the loop's spectral radius.
-        SuspiciousValueWarning: A number of the scene is far from its usual range, or rows of the
-            run, without "state" in `record` its last state, are beyond a `MeasuredLaw`.
+        SuspiciousValueWarning: A number of the scene is far from its usual range; or recorded
+            rows, without "state" the last one, are beyond what a `MeasuredLaw` has measured.
     """
     checks.instance("scene", scene, Scene)
     how = (dt, method, formulation, stabilization, record, every, stop_on)
@@ -107,8 +106,7 @@ def simulate(
     usual.warn(scene)
     result = request.compute()
     warn_of_steps(request, result)
-    last = result["final"]["q"][None]
-    usual.warn_beyond(scene, last if result["q"] is None else np.vstack([result["q"], last]))
+    usual.warn_beyond(scene, result)
     stopped = result["status"] == "interrupted"
     error = estimate(request, result) if estimate_error and not stopped else None
     stopped |= error is not None and error.interrupted

@@ -18,7 +18,7 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from .. import _core
-from ..support import SIDES, Floats, checks
+from ..support import Floats, checks
 from ..support.record import unchecked
 from .disturbance import DISTURBANCES, Compiled, Disturbance
 from .motion import MOTIONS
@@ -45,9 +45,6 @@ _REFUSED = {
     "duration": "rows at fixed times do not depend on the run's end",
     "initial.time": "it moves the clock of schedule and disturbances; vary their own times",
 }
-
-# Why there is no derivative by the foot of a power law.
-FOOTLESS = "= 0: a force F = c d^n with n <= 2 has no derivative by a foot of zero: give a foot"
 
 # The compiled schedule, as the force of a load, and then the disturbances.
 _Compiled: TypeAlias = tuple[Compiled, ...]
@@ -89,22 +86,18 @@ def shapes(
             if not np.isfinite(numbers).any():
                 rule = "is None: give a number to differentiate by"
                 raise ValueError(f"sensitivities: {path!r} {rule}")
-        # Of laws that differ between runs, each run is looked at.
-        shared = not any(other.endswith((".foot", ".exponent")) for other in varied)
-        if shared and footless(path, template.scene.parameters()):
-            raise ValueError(f"sensitivities: {path!r} {FOOTLESS}")
+        if path.endswith(".law.foot"):
+            law = locate(template.scene, path.removesuffix(".foot"))[0]
+            above = law.exponent > 2.0 and not any(p.endswith(".exponent") for p in varied)
+            require_foot(path, law.foot or float(above))
     return {path: template.shapes[path] for path in paths}
 
 
-def footless(path: str, parameters: Floats) -> NDArray[np.bool_]:
-    """Where derivatives by the foot at a path do not exist, for `parameters` (..., n)."""
-    found = np.zeros(parameters.shape[:-1], dtype=bool)
-    for side in SIDES if path.endswith(".law.foot") else ():
-        place = [_core.PARAMETERS.index(f"hand.tip.{side}.law.{x}") for x in ("foot", "exponent")]
-        foot, exponent = np.moveaxis(parameters[..., place], -1, 0)
-        # F has the term n (n - 1) foot^(n - 2) d in its derivative by the foot.
-        found |= (foot == 0.0) & (exponent <= 2.0) & (side in path or ".tip.law." in path)
-    return found
+def require_foot(path: str, foot: float | Floats) -> None:
+    """Refuses a foot of zero, by which (F of) powers up to a square have no derivative."""
+    if not np.all(foot):
+        rule = "a force F = c d^n with n <= 2 has no derivative by it: give a foot above zero"
+        raise ValueError(f"sensitivities: {path!r} = 0: {rule}")
 
 
 def count(shapes: Mapping[str, tuple[int, ...]]) -> int:

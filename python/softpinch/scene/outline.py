@@ -251,12 +251,9 @@ def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of the drawing at q (k, 9), mm, without what was thrown out."""
     fingers = [finger_of(scene, side) for side in (0, 1)]
-    # Jaws may travel far.
-    ways = np.abs(q[:, 3:5]).max(axis=0)
-    lengths = [
-        abs(f.height) + way if isinstance(f, Jaw) else f.length
-        for f, way in zip(fingers, ways.tolist(), strict=True)
-    ]
+    ways = np.abs(q[:, 3:5]).max(axis=0).tolist()  # jaws may travel far
+    pairs = zip(fingers, ways, strict=True)
+    lengths = [abs(f.height) + way if isinstance(f, Jaw) else f.length for f, way in pairs]
     size = max(
         length + f.root_offset + f.half_thickness + tip.radius
         for length, f, tip in zip(lengths, fingers, scene.hand.tips, strict=True)

@@ -195,9 +195,8 @@ class MeasuredLaw(TipLaw):
     compression F'' keeps its last value.
 
     Attributes:
-        compression: d_n, rising from above zero (k,), m; at least three. A first row of zeros is
-            left out, as the law has it anyway.
-        force: F, above zero (k,), N; it may scatter.
+        compression: d_n, rising (k,), m; at least three above zero.
+        force: F, above zero except in a first row (0, 0), N; it may scatter.
         shear_factor: Stiffness against shear as a share of the normal stiffness F'.
 
     Raises:
@@ -226,15 +225,11 @@ class MeasuredLaw(TipLaw):
             )
 
     def __str__(self) -> str:
-        # The repr can be pasted.
         return f"{self!r}, misfit {self.misfit:.2%}"
 
     @classmethod
     def from_csv(cls, path: str | Path, shear_factor: float = 1.0) -> Self:
-        """Reads d_n (m) and F (N), the first two columns of a CSV file.
-
-        A heading, and lines that begin with #, are allowed.
-        """
+        """Reads d_n (m) and F (N), the first columns of a CSV file; skips a heading and # lines."""
         content = checks.path("path", path).read_bytes()
         try:
             # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
@@ -281,8 +276,8 @@ class MeasuredLaw(TipLaw):
     @cached_property
     def misfit(self) -> float:
         """The largest difference between fitted and measured forces over the largest force."""
-        off = np.abs(self.predicted(self.compression) - self.force).max()
-        return float(off / self.force.max())
+        off = np.abs(self.predicted(self.compression) - self.force)
+        return float(off.max() / self.force.max())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -360,6 +355,19 @@ def half_lengths(scene: Scene) -> tuple[float, float]:
         return math.inf if height is None else 0.5 * height
 
     return half(scene.grasped.right), half(scene.grasped.left)
+
+
+def refuse_crossed(scene: Scene) -> None:
+    """Refuses sides of the object that meet or cross between their ends; endless faces may."""
+    apart, sides = sum(half_widths(scene)), sides_of(scene.grasped)
+    tilts = [side.tilt if isinstance(side, Face) else 0.0 for side in sides]
+    up = min(half * math.cos(tilt) for half, tilt in zip(half_lengths(scene), tilts, strict=True))
+    least = apart
+    if math.isfinite(up) and not any(isinstance(side, Arc) for side in sides):
+        least -= abs(sum(map(math.tan, tilts))) * up  # at their ends
+    if not least > 0.0:
+        found = f"{1e3 * apart:.4g} mm apart at their middles, {1e3 * least:.4g} mm at least"
+        raise ValueError(f"Scene.grasped: its sides are {found}: must not meet or cross")
 
 
 def numbers(scene: Scene) -> dict[str, float]:

@@ -7,20 +7,20 @@ metres, megapascals for pascals. The ranges are ten times wider than realistic v
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..support import SIDES, Floats, SuspiciousValueWarning, errors
+from ..support import SIDES, SuspiciousValueWarning, errors
 from ..support.suggest import places
 from .contact import coefficients
 from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
 from .loop_matrix import common_period, growth
 from .outline import closing, compression
-from .parts import MeasuredLaw, PowerLaw, in_words, jaws, width
+from .parts import MeasuredLaw, PowerLaw, TipLaw, in_words, jaws, refuse_crossed, width
 from .schedule import default_schedule
 
 if TYPE_CHECKING:
@@ -34,14 +34,13 @@ _HEAVY_TIP_FRICTION, _LIGHT = 1.4, 0.01
 _SLENDER, _SMALLER = 100.0, 1.0 - 1e-9
 # Growth of a free finger's swings during the scene that is worth a warning.
 _GROWN = 10.0
-# The moduli (5) of springs, Pa, as stiff as a usual law: from a tenth of the softest tips.
-_LEAST, _MOST = 1e3, 1e13
 # A gap below this length, m, is round-off of the start.
 _ROUND_OFF = 1e-9
 
 
 def warn(scene: Scene, schedule_replaced: bool = False) -> None:
     """Warns once for each field with an unusual number, but not of torques that are replaced."""
+    refuse_crossed(scene)
     texts = scene._suspicions
     if scene.law == "torque" and scene.schedule == default_schedule() and not schedule_replaced:
         angle, unit = scene.schedule.angles[0, 0], units("control.limits", (), jaws(scene))
@@ -60,14 +59,14 @@ def warn(scene: Scene, schedule_replaced: bool = False) -> None:
         errors.warn(text, SuspiciousValueWarning)
 
 
-def warn_beyond(scene: Scene, q: Floats) -> None:
-    """Warns of tips that states q (n, 9) of a run compress beyond what was measured of them."""
-    for side, tip, d in zip(SIDES, scene.hand.tips, np.fmax.reduce(q[:, 5:7]), strict=True):
-        if isinstance(tip.law, MeasuredLaw) and d > tip.law.compression[-1]:
-            known = f"{1e3 * tip.law.compression[-1]:.4g} mm"
-            text = f"hand.tip.{side}.law: was measured up to {known}, and the run compresses the "
-            text += f"tip by {1e3 * d:.4g} mm; its springs go on as dense as they are at {known}"
-            errors.warn(text, SuspiciousValueWarning)
+def warn_beyond(scene: Scene, result: Mapping[str, Any]) -> None:
+    """Warns of tips that rows of a run, or its last state, compress beyond a measured curve."""
+    q = result["final"]["q"][None] if result["q"] is None else result["q"]
+    for side, tip, d in zip(SIDES, scene.hand.tips, q[:, 5:7].T, strict=True):
+        if isinstance(tip.law, MeasuredLaw) and (d > (end := tip.law.compression[-1])).any():
+            text = f"hand.tip.{side}.law: was measured up to {1e3 * end:.4g} mm, and the run "
+            text += f"compresses the tip by {1e3 * np.nanmax(d):.4g} mm; from there on its springs"
+            errors.warn(f"{text} are as dense as at the measured end", SuspiciousValueWarning)
 
 
 def suspicions(scene: Scene) -> tuple[str, ...]:
@@ -103,24 +102,20 @@ def _heavy_tips(scene: Scene) -> Iterator[str]:
 
 def _laws(scene: Scene) -> Iterator[str]:
     """Yields messages about laws with a pole where tips open, and about their units."""
-    pair = isinstance(scene.hand.tip, tuple)
-    for side, tip in list(zip(SIDES, scene.hand.tips, strict=True))[: 1 + pair]:
-        law, path = tip.law, f"hand.tip.{side}.law" if pair else "hand.tip.law"
-        if law is None:
-            continue
+    for path, law in places(scene):
         if isinstance(law, PowerLaw) and law.exponent < 2.0 and not law.foot:
             yield (
                 f"{path}.exponent = {law.exponent:g}: below 2 the force of a sheared tip grows "
-                "without bound where it opens, and a run can end there; give a foot of about "
-                "a hundredth of the usual compression, such as foot=1e-4 m"
+                "without bound where it opens, and a run can end there; give a foot of about a "
+                "hundredth of the usual compression, such as foot=1e-4 m"
             )
-        # That of the springs which are as stiff at the full compression.
-        modulus = float(law._stiffness(np.asarray(tip.radius))) / (2.0 * math.pi * tip.radius)
-        if not _LEAST <= modulus <= _MOST:
-            yield (
-                f"{path} is as stiff as springs (5) with a modulus of {modulus:.3g} Pa: usual is "
-                f"from {_LEAST:g} to {_MOST:g} Pa; are its numbers in m and N?"
-            )
+        if isinstance(law, TipLaw):
+            full = scene.hand.tips[".left." in path].radius
+            # Of springs (5) that are as stiff. Real tips have ten times the least modulus.
+            modulus = float(law._stiffness(np.asarray(full))) / (2.0 * math.pi * full)
+            if not 1e3 <= modulus <= 1e13:
+                text = f"{path}: is as stiff as springs with a modulus of {modulus:.3g} Pa: usual"
+                yield f"{text} is from 1000 to 1e+13 Pa; is it in m and N?"
 
 
 def _growing_swings(scene: Scene) -> Iterator[str]:

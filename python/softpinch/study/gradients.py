@@ -118,6 +118,8 @@ def differentiated(
     for first in range(0, len(rows), _BLOCK):
         some = rows.select(np.arange(first, min(first + _BLOCK, len(rows))))
         values = spec.values(some)
+        for path in (path for path in by if path.endswith(".law.foot")):
+            directions.require_foot(path, values.get(path, 1.0))
         own = shared or [
             along(spec.varied.at({path: values[path][k] for path in varied}, run))
             for k, run in enumerate(some.run.tolist())
@@ -125,13 +127,6 @@ def differentiated(
         until = some.columns["end_time"]
         found, lost = _core.gradients(spec.batch(some), own, until, wanted, threads)
         early = (some.columns["status"] != "completed")[:, None, None] & jumping
-        parameters = np.tile(spec.scene.parameters(), (len(some), 1))
-        for path, slots in spec.varied.slots.items():
-            parameters[:, slots] = values[path][:, None]
-        for path, slopes in directions.by_path(np.moveaxis(found, 1, -1), by).items():
-            missing = directions.footless(path, parameters)
-            slopes[missing] = np.nan
-            lost = [*lost, *((int(k), directions.FOOTLESS) for k in np.flatnonzero(missing))]
         parts.append(np.where(early, np.nan, found))
         ended = np.flatnonzero(early.any(axis=(1, 2))).tolist()
         reasons = dict(lost) | dict.fromkeys(ended, "the run ends early")
