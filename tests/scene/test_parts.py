@@ -353,6 +353,35 @@ def test_numbers_without_effect_are_refused() -> None:
         with pytest.raises(ValueError, match=f"{path}.*{reason}"):
             sp.monte_carlo(SCENES[name], vary={path: [0.1]}, progress=False)
 
+    with pytest.raises(ValueError, match=r"with_: 'grasped\.width': both sides .* are arcs"):
+        SCENES["jaws and a bottle"].with_({"grasped.width": 0.06})
+    both = {"hand.right.creep_rate": 0.1, "hand.right.joint_friction": 0.05}
+    assert sp.Scene().with_(both).hand.right.creep_rate == 0.1
+    stiffer = sp.Scene().with_({"hand.tip.law": sp.ParallelSprings(5e5)})
+    assert stiffer.hand.tip == sp.Fingertip(youngs_modulus=5e5)
+
+
+@pytest.mark.parametrize("law", [POWER, MEASURED, sp.ParallelSprings(2e5)])
+def test_a_modulus_beside_a_law_is_refused(law: Any) -> None:
+    says = rf"Fingertip\.youngs_modulus = 500000\.0: give .* or law = {type(law).__name__}"
+    with pytest.raises(ValueError, match=says):
+        sp.Fingertip(law=law, youngs_modulus=5e5)
+    if law is POWER:
+        scene = SCENES["power law"]
+        with pytest.raises(ValueError, match=says):
+            scene.with_({"hand.tip.youngs_modulus": 5e5})
+        with pytest.raises(
+            ValueError, match=r"^youngs_modulus = 1000: Fingertip\.youngs_modulus = "
+        ):
+            sp.stability_map(scene, "youngs_modulus", [1e3, 1e9], progress=False)
+
+
+@pytest.mark.parametrize("name", ["joint_friction", "creep_rate"])
+def test_a_joint_s_number_that_is_none_needs_a_value_first(name: str) -> None:
+    path = f"hand.right.{name}"
+    with pytest.raises(ValueError, match=rf"vary: '{path}': is None; give it a value in the scene"):
+        sp.monte_carlo(jaws(), vary={path: [0.1]}, progress=False)
+
 
 @each_scene
 def test_grip_finds_the_targets_of_a_force(name: str) -> None:

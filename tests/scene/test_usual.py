@@ -49,7 +49,9 @@ SLIPS = [
 
 
 CURVE = np.array([1.0, 2.0, 4.0, 8.0])
-POLE = r"law\.exponent = 1\.2: below 2 .* grows without bound where it opens.*such as foot=1e-4 m"
+POLE = (
+    r"law\.exponent = 1\.2: below 2 a run can end .* has a pole there; give .*such as foot=1e-4 m"
+)
 UNITS = r"law: is as stiff as springs with a modulus of .* usual is from 1000 .*in m and N\?"
 # F = pi E d^2 with E = 0.3 MPa.
 LAWS: list[tuple[Any, str]] = [
@@ -161,6 +163,14 @@ def test_an_inertia_given_for_another_mass_or_width_is_a_warning(changes: dict[s
     grasped = changed.grasped
     box = sp.GraspedObject.box(grasped.width, grasped.height or grasped.width, grasped.mass)
     assert not usual.suspicions(changed.with_({"grasped.inertia": box.inertia}))
+
+
+def test_the_inertia_of_what_is_held_by_its_round_side_is_that_of_a_disc() -> None:
+    scene = sp.Scene(
+        grasped=replace(sp.GraspedObject.disc(0.06, 0.1), mass=2.0), initial="touching"
+    )
+    (text,) = usual.suspicions(scene)
+    assert text.endswith("another mass or width? GraspedObject.disc(diameter, mass) computes it")
 
 
 def test_a_micro_gripper_is_usual() -> None:

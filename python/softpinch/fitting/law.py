@@ -67,8 +67,7 @@ def fit_law(
     A motion of a scene is fitted by `fit`. Needs the extra `study`.
 
     Args:
-        compression, force: d_n, m, rising, and F, N, both above zero (k,); at least three, and
-            before them (0, 0) if you like.
+        compression, force: d_n, m, and F, N, as of a `MeasuredLaw` (k,).
         kind: "springs", F = pi E d_n^2; "power", F = c d_n^n, n > 1; or "measured", `MeasuredLaw`.
         foot: The foot of a power law, m; a law with n < 2 needs one where its tip is released.
     """
@@ -95,10 +94,9 @@ def fit_law(
         coefficient, ends, fitted = _fitted(d, f, 1, foot)
         values, intervals = coefficient / np.pi, ends / np.pi
         law = ParallelSprings(float(values[0]))
-    misfit = float(np.abs(fitted - f).max() / f.max())
     return LawFit(
         law=law, compression=d, force=f, fitted=fitted, names=names, values=values,
-        intervals=intervals, misfit=misfit,
+        intervals=intervals, misfit=float(np.abs(fitted - f).max() / f.max()),
     )  # fmt: skip
 
 

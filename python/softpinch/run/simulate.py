@@ -91,8 +91,7 @@ def simulate(
             constraint errors; or `dt` was too long for an explicit method to be stable, where the
             warning has the longest stable step; or the run failed, and the loop of its
             `SampledController` is unstable, where it has the loop's spectral radius.
-        SuspiciousValueWarning: A number of the scene is far from its usual range; or recorded
-            rows, without "state" the last one, are beyond what a `MeasuredLaw` has measured.
+        SuspiciousValueWarning: A number is far from usual, or a tip beyond its `MeasuredLaw`.
     """
     checks.instance("scene", scene, Scene)
     how = (dt, method, formulation, stabilization, record, every, stop_on)

@@ -94,7 +94,7 @@ def shapes(
 
 
 def require_foot(path: str, foot: float | Floats) -> None:
-    """Refuses a foot of zero, by which (F of) powers up to a square have no derivative."""
+    """Refuses a foot of zero: the derivative is infinite below n = 2, and the foot idle at 2."""
     if not np.all(foot):
         rule = "a force F = c d^n with n <= 2 has no derivative by it: give a foot above zero"
         raise ValueError(f"sensitivities: {path!r} = 0: {rule}")

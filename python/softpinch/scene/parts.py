@@ -28,7 +28,6 @@ _WEIGHTS = 10
 # Resistance of the weights' second differences against noise, and the misfit beyond which no
 # springs of (4) have such a force, as shares of the largest force.
 _SMOOTHING, _MISFIT = 1e-3, 0.1
-_STRAIGHT = 0.05  # the largest distance from a straight line, as such a share
 _LEAST = 3  # measurements
 JOINT = ("joint_friction", "creep_rate")  # of dry friction
 
@@ -217,7 +216,7 @@ class MeasuredLaw(TipLaw):
             k = int(np.abs(self.predicted(compression) - force).argmax())
             rule = "must be convex, without saturation or sharp bends"
             line = compression * (compression @ force / (compression @ compression))
-            if np.abs(force - line).max() <= _STRAIGHT * force.max():
+            if np.abs(force - line).max() <= 0.5 * _MISFIT * force.max():
                 rule = "a straight line from zero is the force of a flat-ended tip; F'(0) must be 0"
             raise ValueError(
                 f"MeasuredLaw.force = {force[k]:g} N at {compression[k]:g} m: the best law of "
@@ -276,8 +275,7 @@ class MeasuredLaw(TipLaw):
     @cached_property
     def misfit(self) -> float:
         """The largest difference between fitted and measured forces over the largest force."""
-        off = np.abs(self.predicted(self.compression) - self.force)
-        return float(off.max() / self.force.max())
+        return float(np.abs(self.predicted(self.compression) - self.force).max() / self.force.max())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -346,15 +344,12 @@ def width(scene: Scene) -> float:
 
 def half_lengths(scene: Scene) -> tuple[float, float]:
     """Half the length of the right and the left side, m; infinite of sides without ends."""
-
-    def half(side: ObjectSide | None) -> float:
-        if isinstance(side, Arc):
-            return 0.5 * side.radius * side.opening
-        own = side.height if isinstance(side, Face) else None
-        height = scene.grasped.height if own is None else own
-        return math.inf if height is None else 0.5 * height
-
-    return half(scene.grasped.right), half(scene.grasped.left)
+    height = scene.grasped.height or math.inf
+    right, left = (
+        side.radius * side.opening if isinstance(side, Arc) else getattr(side, "height", height)
+        for side in sides_of(scene.grasped)
+    )
+    return 0.5 * (right or height), 0.5 * (left or height)
 
 
 def refuse_crossed(scene: Scene) -> None:
@@ -362,9 +357,8 @@ def refuse_crossed(scene: Scene) -> None:
     apart, sides = sum(half_widths(scene)), sides_of(scene.grasped)
     tilts = [side.tilt if isinstance(side, Face) else 0.0 for side in sides]
     up = min(half * math.cos(tilt) for half, tilt in zip(half_lengths(scene), tilts, strict=True))
-    least = apart
-    if math.isfinite(up) and not any(isinstance(side, Arc) for side in sides):
-        least -= abs(sum(map(math.tan, tilts))) * up  # at their ends
+    ends = math.isfinite(up) and not any(isinstance(side, Arc) for side in sides)
+    least = apart - (abs(sum(map(math.tan, tilts))) * up if ends else 0.0)
     if not least > 0.0:
         found = f"{1e3 * apart:.4g} mm apart at their middles, {1e3 * least:.4g} mm at least"
         raise ValueError(f"Scene.grasped: its sides are {found}: must not meet or cross")
@@ -404,10 +398,8 @@ def numbers(scene: Scene) -> dict[str, float]:
 
 def others(scene: Scene) -> list[str]:
     """The parts of a scene that are not the paper's, in words."""
-    fingers = (scene.hand.right, scene.hand.left)
-    found = [type(finger).__name__ for finger in fingers]
-    found += [type(side).__name__ for side in sides_of(scene.grasped)]
-    found += [type(tip.law).__name__ for tip in scene.hand.tips]
+    fingers, laws = (scene.hand.right, scene.hand.left), (tip.law for tip in scene.hand.tips)
+    found = [type(part).__name__ for part in (*fingers, *sides_of(scene.grasped), *laws)]
     found += ["Maxwell branch"] if branches(scene) else []
     found += ["joint_friction"] if not all(x.joint_friction is None for x in fingers) else []
     return [name for name in dict.fromkeys(found) if name not in ("Finger", "NoneType")]
@@ -467,6 +459,8 @@ def why_fixed(scene: Scene, path: str) -> str | None:
     laws = [tip.law for side, tip in zip(SIDES, scene.hand.tips, strict=True) if side in sides]
     if name == "youngs_modulus" and any(laws):
         return "a tip has a law of its own, without this modulus"
+    if name in JOINT and getattr(getattr(scene.hand, owner[-1]), name) is None:
+        return "is None; give it a value in the scene first"
     if name == "creep_rate" and getattr(scene.hand, owner[-1]).joint_friction is None:
         return "the joint has no friction"
     if "law" in owner and {"compression", "force"} & {*owner, name}:

@@ -20,7 +20,7 @@ from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
 from .loop_matrix import common_period, growth
 from .outline import closing, compression
-from .parts import MeasuredLaw, PowerLaw, TipLaw, in_words, jaws, refuse_crossed, width
+from .parts import Arc, MeasuredLaw, PowerLaw, TipLaw, in_words, jaws, refuse_crossed, width
 from .schedule import default_schedule
 
 if TYPE_CHECKING:
@@ -64,9 +64,9 @@ def warn_beyond(scene: Scene, result: Mapping[str, Any]) -> None:
     q = result["final"]["q"][None] if result["q"] is None else result["q"]
     for side, tip, d in zip(SIDES, scene.hand.tips, q[:, 5:7].T, strict=True):
         if isinstance(tip.law, MeasuredLaw) and (d > (end := tip.law.compression[-1])).any():
-            text = f"hand.tip.{side}.law: was measured up to {1e3 * end:.4g} mm, and the run "
-            text += f"compresses the tip by {1e3 * np.nanmax(d):.4g} mm; from there on its springs"
-            errors.warn(f"{text} are as dense as at the measured end", SuspiciousValueWarning)
+            text = f"hand.tip.{side}.law: was measured up to {1e3 * end:.4g} mm, and the run"
+            most = f"compresses the tip by {1e3 * np.nanmax(d):.4g} mm"
+            errors.warn(f"{text} {most}", SuspiciousValueWarning)
 
 
 def suspicions(scene: Scene) -> tuple[str, ...]:
@@ -104,18 +104,14 @@ def _laws(scene: Scene) -> Iterator[str]:
     """Yields messages about laws with a pole where tips open, and about their units."""
     for path, law in places(scene):
         if isinstance(law, PowerLaw) and law.exponent < 2.0 and not law.foot:
-            yield (
-                f"{path}.exponent = {law.exponent:g}: below 2 the force of a sheared tip grows "
-                "without bound where it opens, and a run can end there; give a foot of about a "
-                "hundredth of the usual compression, such as foot=1e-4 m"
-            )
+            why = "below 2 a run can end where a sheared tip opens, whose force has a pole there"
+            yield f"{path}.exponent = {law.exponent:g}: {why}; give a foot, such as foot=1e-4 m"
         if isinstance(law, TipLaw):
-            full = scene.hand.tips[".left." in path].radius
+            a = np.asarray(scene.hand.tips[".left." in path].radius)
             # Of springs (5) that are as stiff. Real tips have ten times the least modulus.
-            modulus = float(law._stiffness(np.asarray(full))) / (2.0 * math.pi * full)
-            if not 1e3 <= modulus <= 1e13:
-                text = f"{path}: is as stiff as springs with a modulus of {modulus:.3g} Pa: usual"
-                yield f"{text} is from 1000 to 1e+13 Pa; is it in m and N?"
+            if not 1e3 <= (modulus := law._stiffness(a) / (2.0 * math.pi * a)) <= 1e13:
+                usual = "usual is from 1000 to 1e+13 Pa; is it in m and N?"
+                yield f"{path}: is as stiff as springs with a modulus of {modulus:.3g} Pa: {usual}"
 
 
 def _growing_swings(scene: Scene) -> Iterator[str]:
@@ -177,11 +173,12 @@ def _other_inertia(scene: Scene) -> Iterator[str]:
     least, most = inertias(across, grasped.mass, grasped.height)
     if _SMALLER * least <= grasped.inertia <= most / _SMALLER:
         return
+    maker = "disc(diameter" if isinstance(grasped.right, Arc) else "box(width, height"
     tall = "" if grasped.height is None else f" and {grasped.height:g} m tall"
     yield (
         f"grasped.inertia = {grasped.inertia:g} kg m^2: usual for {grasped.mass:g} kg, "
         f"{across:g} m wide{tall}, is from {least:.3g} to {most:.3g} kg m^2; was it given "
-        "for another mass or width? GraspedObject.box(width, height, mass) computes it"
+        f"for another mass or width? GraspedObject.{maker}, mass) computes it"
     )
 
 
