@@ -2,7 +2,6 @@
 
 import pickle
 import warnings
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -197,28 +196,6 @@ def test_runs_beyond_what_was_measured_are_a_warning() -> None:
         assert f"up to 6 mm, and the run compresses the tip by {deepest:.4g} mm" in text
     with warnings.catch_warnings(action="error"):
         sp.simulate(jaws(hand=replace(jaws().hand, tip=tips)))
-
-
-ARC, FACE = sp.Arc(0.03, (-0.05, 0.0)), sp.Face(tilt=-0.6, height=0.08)
-APART: list[tuple[tuple[Any, Any], str]] = [
-    ((ARC, sp.Arc(0.03, (0.05, 0.0))), "-40 mm apart"),
-    ((sp.Arc(0.03, (-0.03, 0.0)), sp.Arc(0.03, (0.03, 0.0))), "0 mm apart"),
-    ((ARC, None), ""),
-    ((FACE, sp.Face(tilt=-0.6, height=0.09)), ""),
-    ((FACE, sp.Face(tilt=-0.9, height=0.09)), r"49 mm apart at their middles, -5\.387 mm at"),
-]
-
-
-@pytest.mark.parametrize(("sides", "says"), APART)
-def test_sides_that_cross_are_refused(sides: tuple[Any, Any], says: str) -> None:
-    scene = jaws(grasped=sp.GraspedObject(right=sides[0], left=sides[1]), duration=1e-3)
-    for used in (sp.Scene.start, sp.simulate, lambda s: sp.monte_carlo(s, 2, progress=False)):
-        with pytest.raises(ValueError, match=f"its sides are {says}") if says else nullcontext():
-            used(scene)
-
-
-def test_endless_faces_may_cross_somewhere() -> None:
-    jaws(grasped=sp.GraspedObject(right=sp.Face(tilt=0.6), left=sp.Face(tilt=0.6))).start()
 
 
 @pytest.mark.parametrize("beyond", [-1e-3, 9e-3, np.nan])

@@ -1,5 +1,6 @@
 """Closed forms of jaws and parallelograms, faces and arcs, laws of the tip."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -219,6 +220,28 @@ def test_the_way_on_the_side_is_that_on_the_tip_and_the_shear(name: str) -> None
         assert np.ptp(way) > 2e-3
         # The trapezoids' error falls to a quarter with twice the rows.
         assert np.ptp(way - rolled - run.q[:, 7 + side]) < 3e-10
+
+
+ARC, FACE = sp.Arc(0.03, (-0.05, 0.0)), sp.Face(tilt=-0.6, height=0.08)
+APART: list[tuple[tuple[Any, Any], str]] = [
+    ((ARC, sp.Arc(0.03, (0.05, 0.0))), "-40 mm apart"),
+    ((sp.Arc(0.03, (-0.03, 0.0)), sp.Arc(0.03, (0.03, 0.0))), "0 mm apart"),
+    ((ARC, None), ""),
+    ((FACE, sp.Face(tilt=-0.6, height=0.09)), ""),
+    ((FACE, sp.Face(tilt=-0.9, height=0.09)), r"49 mm apart at their middles, -5\.387 mm at"),
+]
+
+
+@pytest.mark.parametrize(("sides", "says"), APART)
+def test_sides_that_cross_are_refused(sides: tuple[Any, Any], says: str) -> None:
+    scene = jaws(grasped=sp.GraspedObject(right=sides[0], left=sides[1]), duration=1e-3)
+    for used in (sp.Scene.start, sp.simulate, lambda s: sp.monte_carlo(s, 2, progress=False)):
+        with pytest.raises(ValueError, match=f"its sides are {says}") if says else nullcontext():
+            used(scene)
+
+
+def test_endless_faces_may_cross_somewhere() -> None:
+    jaws(grasped=sp.GraspedObject(right=sp.Face(tilt=0.6), left=sp.Face(tilt=0.6))).start()
 
 
 def test_links_that_are_almost_level_are_found_and_jaws_under_forces_have_no_rest() -> None:
