@@ -41,6 +41,19 @@ def test_forces_and_their_points_are_those_of_the_equations(run: sp.Run) -> None
         assert sum(moments) == pytest.approx(load[2], abs=1e-6)
 
 
+def test_jaws_that_drift_away_are_drawn() -> None:
+    """Unequal forces of jaws carry the grasp off, 3.3 m in 1 s."""
+    jaw = sp.Jaw()
+    hand, forces = sp.Hand(right=jaw, left=jaw), sp.Schedule.steps([0.0], [[8.0, 6.0]])
+    scene = sp.Scene(hand=hand, control=sp.Torque(), schedule=forces, initial="touching")
+    drifted = sp.simulate(scene, 1e-3)
+    figure = plot.snapshot(drifted, 1.0)
+    left, right = figure.axes[0].get_xlim()
+    assert left < 1e3 * drifted.q[-1, 0] < right
+    assert right - left < 1000.0
+    assert "svg" in drifted._repr_html_()
+
+
 def test_modes_and_violations_of_each_instant(slipping: sp.Run) -> None:
     changes = slipping.contact_changes
     assert changes

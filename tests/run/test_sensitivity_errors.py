@@ -97,6 +97,48 @@ def test_numbers_without_a_derivative_are_refused(text: str) -> None:
             sp.monte_carlo(scene, 2, dt=1e-3, gradients="final_state", sensitivities=paths)
 
 
+def powered(exponent: float, foot: float | None) -> sp.Scene:
+    law = sp.PowerLaw(1.6e5, exponent, foot)
+    return sp.Scene(hand=sp.Hand(tip=sp.Fingertip(law=law)), initial="touching", duration=0.005)
+
+
+FOOT = "hand.tip.law.foot"
+NO_FOOT = r"^sensitivities: 'hand\.tip\.law\.foot' = 0: .* n <= 2 .*: give a foot above zero"
+
+
+@pytest.mark.parametrize("exponent", [1.67, 2.0])
+@pytest.mark.parametrize("foot", [None, 0.0])
+def test_a_foot_of_zero_has_a_derivative_above_a_square_only(
+    exponent: float, foot: float | None
+) -> None:
+    """Below a square differences grow without bound as they shrink; of a square they are zero."""
+    scene = powered(exponent, foot)
+    with pytest.raises(ValueError, match=NO_FOOT):
+        simulated(scene, FOOT)
+    with pytest.raises(ValueError, match=NO_FOOT):
+        sp.monte_carlo(scene, 2, dt=1e-3, gradients="final_state", sensitivities=FOOT)
+    with pytest.raises(ValueError, match=NO_FOOT):
+        sp.fit(scene, [1e-3, 2e-3], {"x": [0.0, 0.0]}, {FOOT: (0.0, 1e-3)}, noise=1e-6, dt=1e-3)
+    assert simulated(powered(exponent, 1e-4), FOOT).success
+    above = powered(2.5, foot)
+    run = simulated(above, FOOT)
+    moved = (sp.simulate(above.with_({FOOT: 1e-8}), dt=1e-3).q[-1] - run.q[-1]) / 1e-8
+    off = run.sensitivity[FOOT][-1, :9] - moved
+    assert np.abs(off).max() <= 0.01 * np.abs(moved).max()
+
+
+@pytest.mark.parametrize(
+    "vary", [{"hand.tip.law.exponent": [2.5, 1.67]}, {FOOT: [1e-4, 0.0]}], ids=["exponent", "foot"]
+)
+def test_no_run_of_a_study_has_a_gradient_by_a_foot_of_zero(vary: dict[Any, Any]) -> None:
+    how: dict[str, Any] = {"dt": 1e-3, "gradients": "final_state", "sensitivities": FOOT}
+    with pytest.raises(ValueError, match=NO_FOOT):
+        sp.monte_carlo(powered(2.5, None), vary=vary, progress=False, **how)
+    footed = powered(1.67, 1e-4)
+    found = sp.monte_carlo(footed, vary={FOOT: [1e-4, 2e-4]}, progress=False, **how)
+    assert np.isfinite(found.gradients["final_state"][FOOT]).all()
+
+
 def test_a_number_is_no_path() -> None:
     with pytest.raises(TypeError, match=r"^sensitivities = \[3\]: must be paths"):
         simulated(SCENE, [3])

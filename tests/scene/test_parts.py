@@ -1,6 +1,7 @@
 """Jaws and parallelograms, faces and arcs, laws of the tip: through the public names."""
 
 import pickle
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -145,7 +146,7 @@ def test_a_curve_is_read_from_a_file_and_one_that_saturates_is_refused(tmp_path:
     path = tmp_path / "tip.csv"
     curve = zip(MEASURED.compression.tolist(), MEASURED.force.tolist(), strict=True)
     rows = "\n".join(f"{d},{f}" for d, f in curve)
-    for headings in ("", "d [m],F [N]\n"):
+    for headings in ("", "d [m],F [N]\n", "# pressed on glass\nd,F\n#, 20 C\n0,0\n"):
         path.write_text(headings + rows)
         assert sp.MeasuredLaw.from_csv(path) == MEASURED
     # What spreadsheets write: a mark of the encoding, quoted numbers.
@@ -157,8 +158,44 @@ def test_a_curve_is_read_from_a_file_and_one_that_saturates_is_refused(tmp_path:
         with pytest.raises(ValueError, match=r"tip\.csv: must have two columns of numbers"):
             sp.MeasuredLaw.from_csv(path)
     d = np.linspace(1e-3, 0.02, 20)
-    with pytest.raises(ValueError, match=r"misses it by \d+% of the .* convex, without sat"):
+    place = r"^MeasuredLaw\.force = 0\.993262 N at 0\.02 m: "
+    with pytest.raises(ValueError, match=rf"{place}.*misses it by \d+% of .* convex, without sat"):
         sp.MeasuredLaw(d, 1.0 - np.exp(-d / 4e-3))
+    # Its stiffness at zero is not zero.
+    for k in (0.0, 1e3):
+        with pytest.raises(ValueError, match=r"N at 0\.02 m: .* flat-ended tip; F'\(0\) must be 0"):
+            sp.MeasuredLaw(d, 1e3 * d + k * d**2)
+
+
+def test_measured_forces_may_begin_at_zero_and_scatter() -> None:
+    d = np.array([0.0, 1e-3, 2e-3, 3e-3, 4e-3])
+    force = np.array([0.0, 1.1, 4.3, 4.2, 15.0])
+    law = sp.MeasuredLaw(d, force)
+    assert law == sp.MeasuredLaw(d[1:], force[1:])
+    assert sp.fit_law(d, force, "measured").law == law
+    assert eval(repr(law), vars(sp).copy()) == law
+    assert str(law) == f"{law!r}, misfit {law.misfit:.2%}"
+    scene = linked(hand=sp.Hand(tip=sp.Fingertip(law=law)))
+    assert f"MeasuredLaw; the measured forces are met within {law.misfit:.2%}" in str(
+        sp.explain(scene, measure=False)
+    )
+    for wrong in ([0.5, 1.0, 4.0, 9.0, 15.0], [0.0, -0.1, 4.0, 9.0, 15.0]):
+        with pytest.raises(ValueError, match="must be at least 3 numbers above zero, after a "):
+            sp.MeasuredLaw(d, wrong)
+
+
+def test_runs_beyond_what_was_measured_are_a_warning() -> None:
+    short = sp.MeasuredLaw(MEASURED.compression[:4], MEASURED.force[:4])
+    tips = (sp.Fingertip(law=MEASURED), sp.Fingertip(law=short))
+    scene = jaws(hand=replace(jaws().hand, tip=tips), schedule=sp.Schedule.steps([0], [[7e-3] * 2]))
+    for record in ("state", ()):
+        with pytest.warns(sp.SuspiciousValueWarning, match=r"^hand\.tip\.left\.law: ") as caught:
+            run = sp.simulate(scene, record=record)
+        (text,) = [str(each.message) for each in caught]
+        deepest = 1e3 * (run.q[:, 6].max() if record else run.state(-1).q[6])
+        assert f"up to 6 mm, and the run compresses the tip by {deepest:.4g} mm" in text
+    with warnings.catch_warnings(action="error"):
+        sp.simulate(jaws(hand=replace(jaws().hand, tip=tips)))
 
 
 @pytest.mark.parametrize("beyond", [-1e-3, 9e-3, np.nan])
@@ -292,6 +329,35 @@ def test_numbers_without_effect_are_refused() -> None:
         assert path not in SCENES[name].vary_paths()
         with pytest.raises(ValueError, match=f"{path}.*{reason}"):
             sp.monte_carlo(SCENES[name], vary={path: [0.1]}, progress=False)
+
+    with pytest.raises(ValueError, match=r"with_: 'grasped\.width': both sides .* are arcs"):
+        SCENES["jaws and a bottle"].with_({"grasped.width": 0.06})
+    both = {"hand.right.creep_rate": 0.1, "hand.right.joint_friction": 0.05}
+    assert sp.Scene().with_(both).hand.right.creep_rate == 0.1
+    stiffer = sp.Scene().with_({"hand.tip.law": sp.ParallelSprings(5e5)})
+    assert stiffer.hand.tip == sp.Fingertip(youngs_modulus=5e5)
+
+
+@pytest.mark.parametrize("law", [POWER, MEASURED, sp.ParallelSprings(2e5)])
+def test_a_modulus_beside_a_law_is_refused(law: Any) -> None:
+    says = rf"Fingertip\.youngs_modulus = 500000\.0: give .* or law = {type(law).__name__}"
+    with pytest.raises(ValueError, match=says):
+        sp.Fingertip(law=law, youngs_modulus=5e5)
+    if law is POWER:
+        scene = SCENES["power law"]
+        with pytest.raises(ValueError, match=says):
+            scene.with_({"hand.tip.youngs_modulus": 5e5})
+        with pytest.raises(
+            ValueError, match=r"^youngs_modulus = 1000: Fingertip\.youngs_modulus = "
+        ):
+            sp.stability_map(scene, "youngs_modulus", [1e3, 1e9], progress=False)
+
+
+@pytest.mark.parametrize("name", ["joint_friction", "creep_rate"])
+def test_a_joint_s_number_that_is_none_needs_a_value_first(name: str) -> None:
+    path = f"hand.right.{name}"
+    with pytest.raises(ValueError, match=rf"vary: '{path}': is None; give it a value in the scene"):
+        sp.monte_carlo(jaws(), vary={path: [0.1]}, progress=False)
 
 
 @each_scene

@@ -1,5 +1,6 @@
 """Closed forms of jaws and parallelograms, faces and arcs, laws of the tip."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -15,9 +16,7 @@ from other_hands import (
     jaws,
     linked,
 )
-from softpinch.scene.outline import (
-    object_outline,
-)
+from softpinch.scene.outline import contacts, object_outline
 
 CURVE = np.linspace(1e-3, 0.012, 12)
 MEASURED = sp.MeasuredLaw(CURVE, np.pi * 3e5 * CURVE**2)
@@ -178,6 +177,71 @@ def test_a_disc_rolls_between_jaws_of_which_one_moves_along_it() -> None:
     assert abs(y - radius * turn + left) < 1e-3 * way
     assert abs(y - way + radius * turn + right) < 1e-3 * way
     assert abs(turn) > 0.3 * way / (2.0 * radius)
+
+
+RAIL = sp.Jaw(root_offset=0.0505, direction=np.pi / 2, half_thickness=0.004)
+ROLLING = {
+    "a disc between jaws": (
+        sp.Hand(right=RAIL, left=RAIL),
+        sp.GraspedObject.disc(diameter=0.06, mass=0.1),
+        [[0.0, 0.0], [0.018, -0.018]],
+    ),
+    "an arc and a face": (
+        sp.Hand(),
+        sp.GraspedObject(right=sp.Arc(0.04, (-0.0155, 0.004)), left=sp.Face(tilt=0.05)),
+        [[0.05, 0.08], [0.25, -0.1]],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ROLLING)
+def test_the_way_on_the_side_is_that_on_the_tip_and_the_shear(name: str) -> None:
+    """No slip by arc lengths, from positions alone: dl = (a - d_n) d theta_p + d d_t."""
+    hand, grasped, targets = ROLLING[name]
+    moves = sp.Schedule.minimum_jerk([0.0, 0.1], targets, move_time=0.3)
+    scene = sp.Scene(hand=hand, grasped=grasped, fingers="driven", schedule=moves, duration=0.5)
+    times = np.linspace(0.0, 0.5, 4001)
+    run = sp.simulate(scene, 1e-3, "dop853", "nullspace", times=times)
+    found, (cos, sin) = contacts(scene, run.q), (np.cos(run.q[:, 2]), np.sin(run.q[:, 2]))
+    assert np.ptp(found.tilts, axis=0).min() > 0.25
+    for side, sign in enumerate((-1.0, 1.0)):
+        x, y = (found.centres[:, side] - run.q[:, :2]).T
+        x, y = x * cos + y * sin, y * cos - x * sin
+        shape = (grasped.right, grasped.left)[side]
+        if isinstance(shape, sp.Arc):
+            far, up = sign * (shape.center[0] - x), y - shape.center[1]
+            way = shape.radius * np.arctan2(up, far)
+        else:
+            assert isinstance(shape, sp.Face)
+            way = y * np.cos(shape.tilt) - sign * x * np.sin(shape.tilt)
+        arm = scene.hand.tips[side].radius - run.q[:, 5 + side]
+        turn = np.diff(found.tilts[:, side])
+        rolled = np.append(0.0, np.cumsum(0.5 * (arm[1:] + arm[:-1]) * turn))
+        assert np.ptp(way) > 2e-3
+        # The trapezoids' error falls to a quarter with twice the rows.
+        assert np.ptp(way - rolled - run.q[:, 7 + side]) < 3e-10
+
+
+ARC, FACE = sp.Arc(0.03, (-0.05, 0.0)), sp.Face(tilt=-0.6, height=0.08)
+APART: list[tuple[tuple[Any, Any], str]] = [
+    ((ARC, sp.Arc(0.03, (0.05, 0.0))), "-40 mm apart"),
+    ((sp.Arc(0.03, (-0.03, 0.0)), sp.Arc(0.03, (0.03, 0.0))), "0 mm apart"),
+    ((ARC, None), ""),
+    ((FACE, sp.Face(tilt=-0.6, height=0.09)), ""),
+    ((FACE, sp.Face(tilt=-0.9, height=0.09)), r"49 mm apart at their middles, -5\.387 mm at"),
+]
+
+
+@pytest.mark.parametrize(("sides", "says"), APART)
+def test_sides_that_cross_are_refused(sides: tuple[Any, Any], says: str) -> None:
+    scene = jaws(grasped=sp.GraspedObject(right=sides[0], left=sides[1]), duration=1e-3)
+    for used in (sp.Scene.start, sp.simulate, lambda s: sp.monte_carlo(s, 2, progress=False)):
+        with pytest.raises(ValueError, match=f"its sides are {says}") if says else nullcontext():
+            used(scene)
+
+
+def test_endless_faces_may_cross_somewhere() -> None:
+    jaws(grasped=sp.GraspedObject(right=sp.Face(tilt=0.6), left=sp.Face(tilt=0.6))).start()
 
 
 def test_links_that_are_almost_level_are_found_and_jaws_under_forces_have_no_rest() -> None:

@@ -48,6 +48,45 @@ SLIPS = [
 ]
 
 
+CURVE = np.array([1.0, 2.0, 4.0, 8.0])
+POLE = (
+    r"law\.exponent = 1\.2: below 2 a run can end .* has a pole there; give .*such as foot=1e-4 m"
+)
+UNITS = r"law: is as stiff as springs with a modulus of .* usual is from 1000 .*in m and N\?"
+# F = pi E d^2 with E = 0.3 MPa.
+LAWS: list[tuple[Any, str]] = [
+    (sp.PowerLaw(1.6e5, 1.2), POLE),
+    (sp.PowerLaw(1.6e5, 1.2, 0.0), POLE),
+    (sp.MeasuredLaw(CURVE, 0.94 * CURVE**2), UNITS),  # mm
+    (sp.MeasuredLaw(1e-3 * CURVE, 0.94e-3 * CURVE**2), UNITS),  # kN
+    (sp.PowerLaw(0.94, 2.0), UNITS),  # N/mm^2
+]
+
+
+@pytest.mark.parametrize(("law", "message"), LAWS)
+def test_a_law_with_a_pole_or_in_other_units_is_a_warning(law: Any, message: str) -> None:
+    scene = tip(law=law)
+    with pytest.warns(sp.SuspiciousValueWarning, match=rf"^hand\.tip\.{message}") as caught:
+        usual.warn(scene)
+    assert len(caught) == 1
+    left = replace(scene.hand, tip=(sp.Fingertip(), sp.Fingertip(law=law)))
+    with pytest.warns(sp.SuspiciousValueWarning, match=rf"^hand\.tip\.left\.{message}") as caught:
+        usual.warn(replace(scene, hand=left))
+    assert len(caught) == 1
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        sp.PowerLaw(1.6e5, 1.2, 1e-5),
+        sp.PowerLaw(9.4e5, 2.0),
+        sp.MeasuredLaw(1e-3 * CURVE, 0.94 * CURVE**2),
+    ],
+)
+def test_sound_laws_are_not_suspicious(law: Any) -> None:
+    assert not usual.suspicions(tip(law=law))
+
+
 @pytest.mark.parametrize(("scene", "message"), SLIPS, ids=[message for _, message in SLIPS])
 def test_a_slip_is_a_warning_with_field_value_and_range(scene: sp.Scene, message: str) -> None:
     with pytest.warns(sp.SuspiciousValueWarning, match=message):
@@ -124,6 +163,14 @@ def test_an_inertia_given_for_another_mass_or_width_is_a_warning(changes: dict[s
     grasped = changed.grasped
     box = sp.GraspedObject.box(grasped.width, grasped.height or grasped.width, grasped.mass)
     assert not usual.suspicions(changed.with_({"grasped.inertia": box.inertia}))
+
+
+def test_the_inertia_of_what_is_held_by_its_round_side_is_that_of_a_disc() -> None:
+    scene = sp.Scene(
+        grasped=replace(sp.GraspedObject.disc(0.06, 0.1), mass=2.0), initial="touching"
+    )
+    (text,) = usual.suspicions(scene)
+    assert text.endswith("another mass or width? GraspedObject.disc(diameter, mass) computes it")
 
 
 def test_a_micro_gripper_is_usual() -> None:

@@ -67,7 +67,7 @@ def fit_law(
     A motion of a scene is fitted by `fit`. Needs the extra `study`.
 
     Args:
-        compression, force: d_n, m, from above zero, and F, N, both rising (k,); at least three.
+        compression, force: d_n, m, and F, N, as of a `MeasuredLaw` (k,).
         kind: "springs", F = pi E d_n^2; "power", F = c d_n^n, n > 1; or "measured", `MeasuredLaw`.
         foot: The foot of a power law, m; a law with n < 2 needs one where its tip is released.
     """
@@ -94,10 +94,9 @@ def fit_law(
         coefficient, ends, fitted = _fitted(d, f, 1, foot)
         values, intervals = coefficient / np.pi, ends / np.pi
         law = ParallelSprings(float(values[0]))
-    misfit = float(np.abs(fitted - f).max() / f[-1])
     return LawFit(
         law=law, compression=d, force=f, fitted=fitted, names=names, values=values,
-        intervals=intervals, misfit=misfit,
+        intervals=intervals, misfit=float(np.abs(fitted - f).max() / f.max()),
     )  # fmt: skip
 
 
@@ -117,7 +116,7 @@ def _fitted(d: Floats, f: Floats, count: int, foot: float) -> tuple[Floats, Floa
     slope, level = np.polyfit(np.log(d), np.log(f), 1)
     begin = [level, max(slope, 1.01)] if count == 2 else [np.mean(np.log(f / d**2))]
     best = optimize.least_squares(
-        lambda u: (curve(u) - f) / f[-1], begin, bounds=([-np.inf, 1.0 + 1e-9][:count], np.inf),
+        lambda u: (curve(u) - f) / f.max(), begin, bounds=([-np.inf, 1.0 + 1e-9][:count], np.inf),
         x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14,
     )  # fmt: skip
     spare = len(d) - count

@@ -188,6 +188,8 @@ def _terms(scene: Scene, options: Options, summaries: Sequence[str], ledger: boo
         shares = parts.softened(scene)
         arcs = f"; arcs soften the tips to {shares[0]:.3g} and {shares[1]:.3g} of their force"
         words = ", ".join(found) + (arcs if min(shares) < 1.0 else "")
+        misfits = [tip.law.misfit for tip in tips if isinstance(tip.law, parts.MeasuredLaw)]
+        words += f"; the measured forces are met within {max(misfits):.2%}" if misfits else ""
         before.insert(0, ("other parts", True, words, ""))
     works = "four works are integrated"
     if unilateral:

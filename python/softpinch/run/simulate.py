@@ -91,7 +91,7 @@ def simulate(
             constraint errors; or `dt` was too long for an explicit method to be stable, where the
             warning has the longest stable step; or the run failed, and the loop of its
             `SampledController` is unstable, where it has the loop's spectral radius.
-        SuspiciousValueWarning: A number of the scene is far from its usual range.
+        SuspiciousValueWarning: A number is far from usual, or a tip beyond its `MeasuredLaw`.
     """
     checks.instance("scene", scene, Scene)
     how = (dt, method, formulation, stabilization, record, every, stop_on)
@@ -105,6 +105,7 @@ def simulate(
     usual.warn(scene)
     result = request.compute()
     warn_of_steps(request, result)
+    usual.warn_beyond(scene, result)
     stopped = result["status"] == "interrupted"
     error = estimate(request, result) if estimate_error and not stopped else None
     stopped |= error is not None and error.interrupted

@@ -86,7 +86,18 @@ def shapes(
             if not np.isfinite(numbers).any():
                 rule = "is None: give a number to differentiate by"
                 raise ValueError(f"sensitivities: {path!r} {rule}")
+        if path.endswith(".law.foot"):
+            law = locate(template.scene, path.removesuffix(".foot"))[0]
+            above = law.exponent > 2.0 and not any(p.endswith(".exponent") for p in varied)
+            require_foot(path, law.foot or float(above))
     return {path: template.shapes[path] for path in paths}
+
+
+def require_foot(path: str, foot: float | Floats) -> None:
+    """Refuses a foot of zero: the derivative is infinite below n = 2, and the foot idle at 2."""
+    if not np.all(foot):
+        rule = "a force F = c d^n with n <= 2 has no derivative by it: give a foot above zero"
+        raise ValueError(f"sensitivities: {path!r} = 0: {rule}")
 
 
 def count(shapes: Mapping[str, tuple[int, ...]]) -> int:

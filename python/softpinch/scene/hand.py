@@ -141,6 +141,10 @@ class Fingertip(Record):
         super().__post_init__()
         if self.law is not None:
             checks.instance("Fingertip.law", self.law, TipLaw)
+            own = getattr(self.law, "youngs_modulus", Fingertip.youngs_modulus)
+            if self.youngs_modulus not in (own, Fingertip.youngs_modulus):
+                rule = f"give this modulus or law = {checks.shown(self.law)}, not both"
+                raise ValueError(f"Fingertip.youngs_modulus = {self.youngs_modulus}: {rule}")
         if isinstance(self.law, ParallelSprings):
             self._set("youngs_modulus", self.law.youngs_modulus)
             self._set("law", None)
@@ -225,9 +229,8 @@ class GraspedObject(Record):
     def __post_init__(self) -> None:
         super().__post_init__()
         for side in SIDES:
-            if getattr(self, side) is not None:
-                words = "a Face or an Arc"
-                checks.instance(f"GraspedObject.{side}", getattr(self, side), ObjectSide, words)
+            if (own := getattr(self, side)) is not None:
+                checks.instance(f"GraspedObject.{side}", own, ObjectSide, "a Face or an Arc")
 
     @classmethod
     def disc(cls, diameter: float, mass: float) -> Self:

@@ -251,10 +251,11 @@ def contact_point(scene: Scene, q: Floats, side: int) -> Floats:
 def extent(scene: Scene, q: Floats) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of the drawing at q (k, 9), mm, without what was thrown out."""
     fingers = [finger_of(scene, side) for side in (0, 1)]
-    lengths = [f.height if isinstance(f, Jaw) else f.length for f in fingers]
+    ways = np.abs(q[:, 3:5]).max(axis=0).tolist()  # jaws may travel far
     size = max(
-        abs(length) + f.root_offset + f.half_thickness + tip.radius
-        for length, f, tip in zip(lengths, fingers, scene.hand.tips, strict=True)
+        (abs(f.height) + way if isinstance(f, Jaw) else f.length)
+        + (f.root_offset + f.half_thickness + tip.radius)
+        for f, way, tip in zip(fingers, ways, scene.hand.tips, strict=True)
     )
     joints = [
         (-sign * f.root_offset, -1.6 * f.half_thickness)

@@ -166,8 +166,8 @@ class PowerLaw(TipLaw):
 
     Attributes:
         coefficient: c, N/m^n.
-        exponent: n, above 1. Below 2 the stiffness against shear has a pole where a tip is
-            released; a `foot` removes it.
+        exponent: n, above 1. Below 2 the force of a sheared tip has a pole where it is released,
+            in which a run can end; runs warn of it, and a `foot` removes it.
         foot: epsilon, m: F = c {(d + epsilon)^n - epsilon^n - n epsilon^(n-1) d}, whose relative
             change is about n epsilon / d. None is no foot.
         shear_factor: Stiffness against shear as a share of the normal stiffness F'.
@@ -194,8 +194,8 @@ class MeasuredLaw(TipLaw):
     compression F'' keeps its last value.
 
     Attributes:
-        compression: d_n, rising from above zero (k,), m; at least three.
-        force: F, rising (k,), N.
+        compression: d_n, rising (k,), m; at least three above zero.
+        force: F, above zero except in a first row (0, 0), N; it may scatter.
         shear_factor: Stiffness against shear as a share of the normal stiffness F'.
 
     Raises:
@@ -213,22 +213,47 @@ class MeasuredLaw(TipLaw):
         self._set("compression", compression)
         self._set("force", force)
         if not self.misfit <= _MISFIT:
+            k = int(np.abs(self.predicted(compression) - force).argmax())
+            rule = "must be convex, without saturation or sharp bends"
+            line = compression * (compression @ force / (compression @ compression))
+            if np.abs(force - line).max() <= 0.5 * _MISFIT * force.max():
+                rule = "a straight line from zero is the force of a flat-ended tip; F'(0) must be 0"
             raise ValueError(
-                f"MeasuredLaw.force: the best law of springs misses it by {self.misfit:.0%} of the "
-                "largest force: must be convex, without saturation or sharp bends"
+                f"MeasuredLaw.force = {force[k]:g} N at {compression[k]:g} m: the best law of "
+                f"springs misses it by {self.misfit:.0%} of the largest force: {rule}"
             )
+
+    def __str__(self) -> str:
+        return f"{self!r}, misfit {self.misfit:.2%}"
 
     @classmethod
     def from_csv(cls, path: str | Path, shear_factor: float = 1.0) -> Self:
+<<<<<<< HEAD
         """Reads d_n (m) and F (N), the first two columns of a CSV file; a heading is allowed."""
         table = read_csv(path, (2,), "two columns of numbers, in m and N", 2)
+=======
+        """Reads d_n (m) and F (N), the first columns of a CSV file; skips a heading and # lines."""
+        content = checks.path("path", path).read_bytes()
+        try:
+            # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
+            text = content.decode("utf-8-sig").replace('"', "")
+            lines = (line.strip() for line in text.splitlines())
+            rows = [line.split(",")[:2] for line in lines if line and not line.startswith("#")]
+            try:
+                float(rows[0][0])
+            except (ValueError, IndexError):
+                rows = rows[1:]
+            table = np.array(rows, dtype=np.float64).reshape(-1, 2)
+        except ValueError:
+            raise ValueError(f"{path}: must have two columns of numbers, in m and N") from None
+>>>>>>> parts-fixes
         return cls(table[:, 0], table[:, 1], shear_factor)
 
     @cached_property
     def weights(self) -> Floats:
         """The density of springs F'' in Bernstein polynomials over the range (10,), N/m^2."""
         optimize = extras.require("scipy.optimize", extra="study", purpose="MeasuredLaw")
-        reach, largest = self.compression[-1], self.force[-1]
+        reach, largest = self.compression[-1], self.force.max()
         sizes = self.force + 0.05 * largest
         rows = _integrals(self.compression / reach, 2) * reach**2 / sizes[:, None]
         smooth = _SMOOTHING * np.diff(np.eye(_WEIGHTS), n=2, axis=0) * reach**2 / largest
@@ -255,7 +280,7 @@ class MeasuredLaw(TipLaw):
     @cached_property
     def misfit(self) -> float:
         """The largest difference between fitted and measured forces over the largest force."""
-        return float(np.abs(self.predicted(self.compression) - self.force).max() / self.force[-1])
+        return float(np.abs(self.predicted(self.compression) - self.force).max() / self.force.max())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -278,12 +303,14 @@ class Maxwell(Record):
 def measured_curve(owner: str, compression: object, force: object) -> tuple[Floats, Floats]:
     """Checks compressions and forces (k,) of a measured law; `owner` begins names in errors."""
     d = checks.increasing(f"{owner}compression", compression)
-    f = checks.increasing(f"{owner}force", force)
-    for name, values in (("compression", d), ("force", f)):
-        if len(values) < _LEAST or not values[0] > 0.0:
-            rule = f"must be at least {_LEAST} numbers, the first above zero"
-            raise ValueError(f"{owner}{name} = {checks.shown(values.tolist())}: {rule}")
+    f = checks.array(f"{owner}force", force, ("k",))
     checks.same_length(f"{owner}force", f, "compression", len(d))
+    if d[0] == f[0] == 0.0:
+        d, f = d[1:], f[1:]
+    for name, values in (("compression", d), ("force", f)):
+        if len(values) < _LEAST or not values.min() > 0.0:
+            rule = f"must be at least {_LEAST} numbers above zero, after a first row (0, 0) if any"
+            raise ValueError(f"{owner}{name} = {checks.shown(values.tolist())}: {rule}")
     return d, f
 
 
@@ -322,15 +349,24 @@ def width(scene: Scene) -> float:
 
 def half_lengths(scene: Scene) -> tuple[float, float]:
     """Half the length of the right and the left side, m; infinite of sides without ends."""
+    height = scene.grasped.height or math.inf
+    right, left = (
+        side.radius * side.opening if isinstance(side, Arc) else getattr(side, "height", height)
+        for side in sides_of(scene.grasped)
+    )
+    return 0.5 * (right or height), 0.5 * (left or height)
 
-    def half(side: ObjectSide | None) -> float:
-        if isinstance(side, Arc):
-            return 0.5 * side.radius * side.opening
-        own = side.height if isinstance(side, Face) else None
-        height = scene.grasped.height if own is None else own
-        return math.inf if height is None else 0.5 * height
 
-    return half(scene.grasped.right), half(scene.grasped.left)
+def refuse_crossed(scene: Scene) -> None:
+    """Refuses sides of the object that meet or cross between their ends; endless faces may."""
+    apart, sides = sum(half_widths(scene)), sides_of(scene.grasped)
+    tilts = [side.tilt if isinstance(side, Face) else 0.0 for side in sides]
+    up = min(half * math.cos(tilt) for half, tilt in zip(half_lengths(scene), tilts, strict=True))
+    ends = math.isfinite(up) and not any(isinstance(side, Arc) for side in sides)
+    least = apart - (abs(sum(map(math.tan, tilts))) * up if ends else 0.0)
+    if not least > 0.0:
+        found = f"{1e3 * apart:.4g} mm apart at their middles, {1e3 * least:.4g} mm at least"
+        raise ValueError(f"Scene.grasped: its sides are {found}: must not meet or cross")
 
 
 def numbers(scene: Scene) -> dict[str, float]:
@@ -367,10 +403,8 @@ def numbers(scene: Scene) -> dict[str, float]:
 
 def others(scene: Scene) -> list[str]:
     """The parts of a scene that are not the paper's, in words."""
-    fingers = (scene.hand.right, scene.hand.left)
-    found = [type(finger).__name__ for finger in fingers]
-    found += [type(side).__name__ for side in sides_of(scene.grasped)]
-    found += [type(tip.law).__name__ for tip in scene.hand.tips]
+    fingers, laws = (scene.hand.right, scene.hand.left), (tip.law for tip in scene.hand.tips)
+    found = [type(part).__name__ for part in (*fingers, *sides_of(scene.grasped), *laws)]
     found += ["Maxwell branch"] if branches(scene) else []
     found += ["joint_friction"] if not all(x.joint_friction is None for x in fingers) else []
     return [name for name in dict.fromkeys(found) if name not in ("Finger", "NoneType")]
@@ -430,6 +464,8 @@ def why_fixed(scene: Scene, path: str) -> str | None:
     laws = [tip.law for side, tip in zip(SIDES, scene.hand.tips, strict=True) if side in sides]
     if name == "youngs_modulus" and any(laws):
         return "a tip has a law of its own, without this modulus"
+    if name in JOINT and getattr(getattr(scene.hand, owner[-1]), name) is None:
+        return "is None; give it a value in the scene first"
     if name == "creep_rate" and getattr(scene.hand, owner[-1]).joint_friction is None:
         return "the joint has no friction"
     if "law" in owner and {"compression", "force"} & {*owner, name}:

@@ -231,7 +231,11 @@ def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:
             require_gains(scene, path)
         taken = {path: _taken(path, locate(scene, path)[0], values[path]) for path in values}
         refuse_overlaps(list(taken))
-    return replaced(scene, tree_of(taken))  # type: ignore[no-any-return]
+    found: Scene = replaced(scene, tree_of(taken))
+    for path in (path for path in taken if path.count(".") == 1):  # the object's own numbers
+        if reason := why_fixed(found, path):
+            raise ValueError(f"with_: {checks.shown(path)}: {reason}")
+    return found
 
 
 def _taken(path: str, old: Any, value: Any) -> Any:

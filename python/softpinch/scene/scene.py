@@ -427,6 +427,7 @@ class Scene(Record):
 
     @cached_property
     def _start(self) -> State:
+        parts.refuse_crossed(self)
         if isinstance(self.initial, State):
             return self.initial
         if self.fingers == "driven":

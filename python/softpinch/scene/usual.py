@@ -7,7 +7,7 @@ metres, megapascals for pascals. The ranges are ten times wider than realistic v
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, u
 from .loop_matrix import common_period, growth
 from .motion import HandMotion
 from .outline import closing, compression
-from .parts import in_words, jaws, width
+from .parts import Arc, MeasuredLaw, PowerLaw, TipLaw, in_words, jaws, refuse_crossed, width
 from .schedule import default_schedule
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ _ROUND_OFF = 1e-9
 
 def warn(scene: Scene, schedule_replaced: bool = False) -> None:
     """Warns once for each field with an unusual number, but not of torques that are replaced."""
+    refuse_crossed(scene)
     texts = scene._suspicions
     if scene.law == "torque" and scene.schedule == default_schedule() and not schedule_replaced:
         angle, unit = scene.schedule.angles[0, 0], units("control.limits", (), jaws(scene))
@@ -59,9 +60,20 @@ def warn(scene: Scene, schedule_replaced: bool = False) -> None:
         errors.warn(text, SuspiciousValueWarning)
 
 
+def warn_beyond(scene: Scene, result: Mapping[str, Any]) -> None:
+    """Warns of tips that rows of a run, or its last state, compress beyond a measured curve."""
+    q = result["final"]["q"][None] if result["q"] is None else result["q"]
+    for side, tip, d in zip(SIDES, scene.hand.tips, q[:, 5:7].T, strict=True):
+        if isinstance(tip.law, MeasuredLaw) and (d > (end := tip.law.compression[-1])).any():
+            text = f"hand.tip.{side}.law: was measured up to {1e3 * end:.4g} mm, and the run"
+            most = f"compresses the tip by {1e3 * np.nanmax(d):.4g} mm"
+            errors.warn(f"{text} {most}", SuspiciousValueWarning)
+
+
 def suspicions(scene: Scene) -> tuple[str, ...]:
     """Returns messages of `warn`: one for each unusual field, about an array's worst entry."""
-    texts = (*_unusual(scene), *_heavy_tips(scene), *_growing_swings(scene), *_beside(scene))
+    found = (_unusual, _laws, _heavy_tips, _growing_swings, _beside)
+    texts = tuple(text for kind in found for text in kind(scene))
     if not any(text.startswith("schedule.") for text in texts):
         texts += tuple(_opening(scene))
     if not any(text.startswith("grasped.") for text in texts):
@@ -96,6 +108,20 @@ def _heavy_tips(scene: Scene) -> Iterator[str]:
             "object may have no consistent contact forces; give the tips masses of their own, "
             f"about normal_mass = tangential_mass = {_LIGHT:g} kg"
         )
+
+
+def _laws(scene: Scene) -> Iterator[str]:
+    """Yields messages about laws with a pole where tips open, and about their units."""
+    for path, law in places(scene):
+        if isinstance(law, PowerLaw) and law.exponent < 2.0 and not law.foot:
+            why = "below 2 a run can end where a sheared tip opens, whose force has a pole there"
+            yield f"{path}.exponent = {law.exponent:g}: {why}; give a foot, such as foot=1e-4 m"
+        if isinstance(law, TipLaw):
+            a = np.asarray(scene.hand.tips[".left." in path].radius)
+            # Of springs (5) that are as stiff. Real tips have ten times the least modulus.
+            if not 1e3 <= (modulus := law._stiffness(a) / (2.0 * math.pi * a)) <= 1e13:
+                usual = "usual is from 1000 to 1e+13 Pa; is it in m and N?"
+                yield f"{path}: is as stiff as springs with a modulus of {modulus:.3g} Pa: {usual}"
 
 
 def _growing_swings(scene: Scene) -> Iterator[str]:
@@ -157,11 +183,12 @@ def _other_inertia(scene: Scene) -> Iterator[str]:
     least, most = inertias(across, grasped.mass, grasped.height)
     if _SMALLER * least <= grasped.inertia <= most / _SMALLER:
         return
+    maker = "disc(diameter" if isinstance(grasped.right, Arc) else "box(width, height"
     tall = "" if grasped.height is None else f" and {grasped.height:g} m tall"
     yield (
         f"grasped.inertia = {grasped.inertia:g} kg m^2: usual for {grasped.mass:g} kg, "
         f"{across:g} m wide{tall}, is from {least:.3g} to {most:.3g} kg m^2; was it given "
-        "for another mass or width? GraspedObject.box(width, height, mass) computes it"
+        f"for another mass or width? GraspedObject.{maker}, mass) computes it"
     )
 
 

@@ -118,6 +118,8 @@ def differentiated(
     for first in range(0, len(rows), _BLOCK):
         some = rows.select(np.arange(first, min(first + _BLOCK, len(rows))))
         values = spec.values(some)
+        for path in (path for path in by if path.endswith(".law.foot")):
+            directions.require_foot(path, values.get(path, 1.0))
         own = shared or [
             along(spec.varied.at({path: values[path][k] for path in varied}, run))
             for k, run in enumerate(some.run.tolist())
