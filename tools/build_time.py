@@ -14,7 +14,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 # The package, of which the module is the last stage, as maturin builds it.
 COMMAND = (
-    "cargo", "build", "--release", "--locked", "--package", "softpinch-module", "--message-format", "json",
+    "cargo", "build", "--release", "--locked", "--package", "softpinch-module",
+    "--message-format", "json",
 )  # fmt: skip
 
 

@@ -228,25 +228,8 @@ class MeasuredLaw(TipLaw):
 
     @classmethod
     def from_csv(cls, path: str | Path, shear_factor: float = 1.0) -> Self:
-<<<<<<< HEAD
-        """Reads d_n (m) and F (N), the first two columns of a CSV file; a heading is allowed."""
-        table = read_csv(path, (2,), "two columns of numbers, in m and N", 2)
-=======
         """Reads d_n (m) and F (N), the first columns of a CSV file; skips a heading and # lines."""
-        content = checks.path("path", path).read_bytes()
-        try:
-            # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
-            text = content.decode("utf-8-sig").replace('"', "")
-            lines = (line.strip() for line in text.splitlines())
-            rows = [line.split(",")[:2] for line in lines if line and not line.startswith("#")]
-            try:
-                float(rows[0][0])
-            except (ValueError, IndexError):
-                rows = rows[1:]
-            table = np.array(rows, dtype=np.float64).reshape(-1, 2)
-        except ValueError:
-            raise ValueError(f"{path}: must have two columns of numbers, in m and N") from None
->>>>>>> parts-fixes
+        table = read_csv(path, (2,), "two columns of numbers, in m and N", 2)
         return cls(table[:, 0], table[:, 1], shear_factor)
 
     @cached_property

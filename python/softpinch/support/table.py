@@ -28,12 +28,13 @@ class Table:
 
 
 def read_csv(path: str | Path, counts: Sequence[int], rule: str, most: int | None = None) -> Floats:
-    """Reads columns of a CSV file, at `most` so many; `counts` are allowed. A heading is, too."""
+    """Reads at `most` so many columns of a CSV file, of allowed `counts`; skips heading and #."""
     content = checks.path("path", path).read_bytes()
     with suppress(ValueError):
         # Spreadsheets begin a file with a mark of its encoding, and may quote its numbers.
         text = content.decode("utf-8-sig").replace('"', "")
-        rows = [line.split(",")[:most] for line in text.splitlines() if line.strip()]
+        lines = (line.strip() for line in text.splitlines())
+        rows = [line.split(",")[:most] for line in lines if line and line[0] != "#"]
         try:
             float(rows[0][0])
         except (ValueError, IndexError):
