@@ -80,18 +80,19 @@ def grasp(kind: str, seed: int, duration: float = 0.016, scale: float = 1.0) -> 
     tips = []
     for each in laws:
         mass = rng.uniform(0.01, 0.1)
-        tips.append(
-            sp.Fingertip(
-                radius=rng.uniform(0.018, 0.022),
-                youngs_modulus=rng.uniform(2e5, 4e5),
-                normal_viscosity=rng.uniform(70.0, 130.0),
-                tangential_viscosity=rng.uniform(70.0, 130.0),
-                tilt_coupling=float(rng.choice([1.0, 0.0, -1.0])),
-                normal_mass=mass,
-                tangential_mass=mass * rng.uniform(0.5, 1.5),
-                law=_law(each, rng),
-            )
-        )
+        numbers: dict[str, Any] = {
+            "radius": rng.uniform(0.018, 0.022),
+            "youngs_modulus": rng.uniform(2e5, 4e5),
+            "normal_viscosity": rng.uniform(70.0, 130.0),
+            "tangential_viscosity": rng.uniform(70.0, 130.0),
+            "tilt_coupling": float(rng.choice([1.0, 0.0, -1.0])),
+            "normal_mass": mass,
+            "tangential_mass": mass * rng.uniform(0.5, 1.5),
+            "law": _law(each, rng),
+        }
+        if numbers["law"] is not None:
+            del numbers["youngs_modulus"]  # which a law of its own does not have
+        tips.append(sp.Fingertip(**numbers))
     force, way = scale * rng.uniform(20.0, 120.0), rng.uniform(-np.pi, np.pi)
     pulse = sp.Pulse(
         time=duration / 5,

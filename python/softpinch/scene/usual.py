@@ -112,7 +112,7 @@ def _heavy_tips(scene: Scene) -> Iterator[str]:
 
 def _laws(scene: Scene) -> Iterator[str]:
     """Yields messages about laws with a pole where tips open, and about their units."""
-    for path, law in places(scene):
+    for path, law in places(scene.hand, "hand"):
         if isinstance(law, PowerLaw) and law.exponent < 2.0 and not law.foot:
             why = "below 2 a run can end where a sheared tip opens, whose force has a pole there"
             yield f"{path}.exponent = {law.exponent:g}: {why}; give a foot, such as foot=1e-4 m"
