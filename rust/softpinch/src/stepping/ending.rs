@@ -213,8 +213,8 @@ pub(crate) fn contact(scene: &Scene, last: &Instant, reason: Reason, modes: [Mod
         Reason::Lost(loss) => (
             Status::Lost,
             format!(
-                "the object was lost at t = {t}: {}; more friction, angles that close the fingers further, a smaller disturbance or \
-                 higher faces would keep it",
+                "the object was lost at t = {t}: {}; more friction, targets that close the fingers further, gentler disturbances and \
+                 moves, or higher faces would keep it",
                 lost(scene, last, loss, modes)
             ),
         ),

@@ -431,7 +431,7 @@ pub(crate) fn explain(
             let advice = if d_n < -2.0 * radius {
                 extreme
             } else {
-                "; angles that close the fingers further, a firmer grasp or a smaller disturbance would keep it, or shorter steps where \
+                "; targets that close the fingers further, a firmer grasp or gentler disturbances and moves would keep it, or shorter steps where \
                  these are longer than max_stable_dt"
             };
             format!("the {side} fingertip left the object at t = {t} (d_n = {d_n:.3e} m){advice}")
@@ -440,7 +440,7 @@ pub(crate) fn explain(
             let advice = if d_n > 2.0 * radius {
                 extreme
             } else {
-                "; a stiffer or larger tip, angles that close the fingers less or a smaller disturbance would keep it whole, or shorter \
+                "; a stiffer or larger tip, targets that close the fingers less, or gentler disturbances and moves would keep it whole, or shorter \
                  steps where these are longer than max_stable_dt"
             };
             format!(
