@@ -81,7 +81,7 @@ def test_the_message_has_the_numbers_of_the_last_row(name: str, how: dict[str, A
         "off_face": [abs(matrix[i, 2]), 1.5e-3],
         "pulling": [force],
         "slipping": [across, 0.6, 0.6 * force],
-        "rim": [d_n, 0.02 * (1 - abs(np.sin(tilt)))],
+        "rim": [abs(np.sin(tilt)), d_n, 1.0 - d_n / 0.02],
     }[name]
     time, *numbers = map(float, re.findall(rf"(?:= |at |is |friction ){NUMBER}", run.message))
     assert time == float(f"{run.t[-1]:.6g}")

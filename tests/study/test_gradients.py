@@ -143,7 +143,8 @@ def test_the_margin_of_tips_with_another_law_has_the_derivative_of_its_scale_too
 
     def grasp(**changes: float) -> sp.Scene:
         c, n = {**numbers, **changes}.values()
-        tips = tuple(replace(tip, law=sp.PowerLaw(c, n, foot=1e-4)) for tip in SCENE.hand.tips)
+        law = {"law": sp.PowerLaw(c, n, foot=1e-4), "youngs_modulus": 3e5}
+        tips = tuple(replace(tip, **law) for tip in SCENE.hand.tips)
         return uneven(friction=(0.9, 0.9), hand=replace(SCENE.hand, tip=tips))
 
     def margin(scene: sp.Scene) -> float:

@@ -292,7 +292,7 @@ proptest! {
 const MODES: [Mode; 5] = [Mode::Stick, Mode::Slip(Slip::Up), Mode::Slip(Slip::Down), Mode::Graze, Mode::Free];
 
 /// Compares the solve of contacts in these modes with that of [M -K; R S] (a, u) = (f, -b), whose blocks are written out by
-/// the table of `contact_solve.rs`: S has the rows that hold for the multipliers. While both tips stick, the solve of contacts
+/// the table of `formulation/contact_solve.rs`: S has the rows that hold for the multipliers. While both tips stick, the solve of contacts
 /// that stick is compared, too.
 fn solves_agree(
     parameters: &Parameters,
