@@ -133,6 +133,12 @@ def test_a_side_gets_a_record_or_a_number_of_its_own() -> None:
     assert LOADED.with_({"friction.left": None}).friction == (0.5, np.inf)
     assert LOADED.with_({"friction": None}).friction is None
     assert sp.Scene().with_({"friction.left": 0.3}).friction == (np.inf, 0.3)
+    # A side of the object, or a finger, is none of the numbers beside it.
+    face, link = sp.Face(tilt=0.1), sp.Finger(length=0.08)
+    changed = {"grasped.left": face, "grasped.width": 0.06, "hand.right": link, "hand.tip": tip}
+    found = sp.Scene().with_(changed)
+    assert (found.grasped.left, found.grasped.width) == (face, 0.06)
+    assert (found.hand.right, found.hand.tip) == (link, tip)
 
 
 REFUSED: list[tuple[Any, type[Exception], str]] = [
@@ -140,6 +146,7 @@ REFUSED: list[tuple[Any, type[Exception], str]] = [
     ({"hand.tip.lef.radius": 1.0}, ValueError, "with_: 'hand.tip.lef.radius': Hand.tip has no"),
     ({"disturbances.7.force": (1, 2)}, ValueError, "has 0 to 1, not '7'"),
     ({"grasped": sp.GraspedObject(), "grasped.mass": 0.1}, ValueError, "set the same number"),
+    ({"hand.right.length": 0.08, "hand.right": sp.Finger()}, ValueError, "set the same number"),
     ({"grasped.mass": -1.0}, ValueError, "GraspedObject.mass = -1"),
     ({"grasped.mass": "0.1"}, TypeError, "GraspedObject.mass = '0.1': must be a number"),
     ({"hand.tip": 1.0}, TypeError, "Hand.tip = 1.0: must be a Fingertip"),

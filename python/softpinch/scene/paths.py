@@ -204,11 +204,12 @@ def replaced(node: Any, tree: Any) -> Any:
 
 def refuse_overlaps(paths: Sequence[str]) -> None:
     """Refuses two paths to the same number: equal paths, or one into the other."""
-    # The steps of each path on each side; a path that names no side leads to both.
+    # The steps of each path on each side; a path that names no side leads to both. A finger and a
+    # side of the object are fields of their own.
     steps = [
-        ([side, *(step for step in path.split(".") if step not in SIDES)], k)
-        for k, path in enumerate(paths)
-        for side in {*SIDES}.intersection(path.split(".")) or SIDES
+        ([side, *(b for a, b in pairwise(steps) if b not in SIDES or a in ("hand", "grasped"))], k)
+        for k, steps in enumerate(["", *path.split(".")] for path in paths)
+        for side in {*SIDES}.intersection(steps) or SIDES
     ]
     # In sorted order a path comes just before those that lead into it.
     for (outer, k), (inner, m) in pairwise(sorted(steps)):
