@@ -95,7 +95,7 @@ pub struct Evaluation<R> {
     /// sin theta_p of both tips, for the monitors.
     pub sin_tilt: [R; 2],
     /// The places of both contacts along their sides, up to their signs, m, for the monitors.
-    pub places: [R; 2],
+    pub contact_heights: [R; 2],
     pub torque: [R; 2],
     /// The part psi of each tip's couple that acts. Only unilateral contact computes it.
     pub share: [R; 2],
@@ -112,7 +112,7 @@ impl<R: Real> Evaluation<R> {
             residuals: [zero; 4],
             tilt: [zero; 2],
             sin_tilt: [zero; 2],
-            places: [zero; 2],
+            contact_heights: [zero; 2],
             torque: [zero; 2],
             share: [zero; 2],
         }
@@ -132,7 +132,7 @@ impl<R: Real> Evaluation<R> {
             residuals: geometry.residuals(),
             tilt: geometry.tilt(),
             sin_tilt: geometry.sin_tilt(),
-            places: geometry.places(),
+            contact_heights: geometry.contact_heights(),
             share,
             ..Self::nothing()
         }

@@ -178,8 +178,8 @@ fn first_admissible(
 /// negative if one fails, or if the solution has the wrong orientation.
 fn margin(equations: ContactEquations<'_>, terms: &Terms<f64>, modes: [Mode; 2], now: &[Contact; 2]) -> f64 {
     let oriented = terms.response.pivots.iter().filter(|&&pivot| pivot < 0.0).count() % 2 == 0;
-    let sound = terms.response.acceleration.row().iter().all(|a| a.is_finite());
-    if !(oriented && sound) {
+    let finite = terms.response.acceleration.row().iter().all(|a| a.is_finite());
+    if !(oriented && finite) {
         return f64::NEG_INFINITY;
     }
     let masses = equations.plant().masses.compression;

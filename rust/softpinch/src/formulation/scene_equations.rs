@@ -151,7 +151,7 @@ pub(super) fn evaluate_into<R: Lanes, E: Equations<R>>(
     now.residuals = found.residuals;
     now.tilt = found.tilt;
     now.sin_tilt = found.sin_tilt;
-    now.places = found.places;
+    now.contact_heights = found.contact_heights;
     now.torque = found.torque;
     if equations.opens() {
         now.share = found.share;

@@ -126,8 +126,8 @@ impl<R: Lanes, S: System<R>> Adaptive<R, S> for Dop853<R> {
         let size = system.size();
         stats.evaluations += 1 + EXTRA as u64;
         let Self { slopes, along, terms } = self;
-        let there = StageState { from: next, by: R::zero(), along: y };
-        system.rates(&drive.at(tau + h), drive, there, &mut slopes[STAGES]);
+        let end_state = StageState { from: next, by: R::zero(), along: y };
+        system.rates(&drive.at(tau + h), drive, end_state, &mut slopes[STAGES]);
         for k in 0..EXTRA {
             weighted(size, slopes, &A_EXTRA[k][..=STAGES + k], along);
             let input = drive.at(R::constant(C_EXTRA[k]).mul_add(h, tau));

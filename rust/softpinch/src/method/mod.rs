@@ -1,7 +1,7 @@
 //! The methods that step time: one file for each, with its tableau and its paper.
 //!
 //! A new method needs one file beside `rk4.rs` with its `MethodEntry`, its lines in `table`, and
-//! one in `run_dual`, where the compiler names what is missing. Explicit methods implement
+//! one each in `run_dual` and the driver's `loops`, where the compiler names what is missing. Explicit methods implement
 //! `Integrator` themselves. A method that solves equations for its stages is a `newton::Scheme`,
 //! which `newton::Newton` drives. A method with an error estimate implements `Adaptive` as well. An
 //! entry makes the method as `called` code.

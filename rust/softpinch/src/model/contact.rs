@@ -8,8 +8,8 @@
 //! | [`shape`] | the distance of the tip's centre from the object's side, the normal there, the place along the side | parallel and tilted faces, arcs |
 //! | [`law`] | the tip's elastic energy and its gradient | (5), powers of the compression, measured curves |
 //!
-//! This file composes them. Everything above it sees only a [`Contact`] and the gradient of a law, so that a new kind is
-//! one file and one line in the table of its part.
+//! This file composes them. Equations, solves and methods see only a [`Contact`] and the gradient of a law. Where else a new
+//! kind is named (inertia, reach, ends), docs/architecture.md lists.
 //!
 //! The paper's contact, a link on a parallel face, is compiled into the equations; three sines and cosines serve both
 //! sides. A contact of another mechanism or side is computed by one function, `PartsAt::contact`, which is called.

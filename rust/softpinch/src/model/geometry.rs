@@ -143,7 +143,7 @@ impl<R: Real, P: Parts> Geometry<R, P> {
         /// sin theta_p of both tips.
         pub sin_tilt(&self) -> [R; 2] = [self.contacts[0].sin_tilt, self.contacts[1].sin_tilt];
         /// The places of both contacts along their sides, up to their signs.
-        pub places(&self) -> [R; 2] = [self.contacts[0].place, self.contacts[1].place];
+        pub contact_heights(&self) -> [R; 2] = [self.contacts[0].place, self.contacts[1].place];
     }
 }
 

@@ -36,7 +36,7 @@ impl EventStepper<'_> {
         for i in 0..2 {
             let geometry = self.geometry(&motion);
             let (gap, beside) =
-                (geometry.residuals()[i], geometry.places()[i].abs() <= self.limits.half_height[i]);
+                (geometry.residuals()[i], geometry.contact_heights()[i].abs() <= self.limits.half_height[i]);
             if self.run.contacts[i].closed || (beside && gap < -overlap[i]) {
                 self.jump(&mut motion, ContactJump::Meet(i));
             }
@@ -155,7 +155,7 @@ impl EventStepper<'_> {
     fn meet(&mut self, place: &mut SegmentState, motion: &mut Motion<f64>, i: usize) -> EventResult {
         let geometry = self.geometry(motion);
         let gap = geometry.residuals()[i];
-        if geometry.places()[i].abs() - self.limits.half_height[i] > gap {
+        if geometry.contact_heights()[i].abs() - self.limits.half_height[i] > gap {
             // The tip is already behind the face and now comes beside it: it meets the face's end.
             return Err(place.end(Reason::Lost(Loss::MetEnd(i))));
         }

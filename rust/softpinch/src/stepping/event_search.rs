@@ -144,7 +144,8 @@ impl EventStepper<'_> {
             // Whether the tip is behind its side, and beyond its end.
             let quadrant = |stepper: &Self, tau: f64, y: &States<f64>| {
                 let geometry = stepper.geometry(&stepper.motion(&SegmentState { tau, y: *y }));
-                (geometry.residuals()[i] < 0.0, geometry.places()[i].abs() >= stepper.limits.half_height[i])
+                let height = geometry.contact_heights()[i].abs();
+                (geometry.residuals()[i] < 0.0, height >= stepper.limits.half_height[i])
             };
             let [before, after] = [(from.tau, &from.y), (from.tau + h, arrived)];
             if quadrant(self, before.0, before.1) != (false, false) || !quadrant(self, after.0, after.1).1 {

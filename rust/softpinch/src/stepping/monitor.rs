@@ -189,15 +189,15 @@ impl<R: Lanes> Limits<R> {
         let Motion { q, p, .. } = &at.motion;
         let (d_n, radius) = (q.compression[i], self.sides[i].radius);
         let (along, across, v) = (at.multipliers[i], at.multipliers[2 + i], at.residuals[2 + i]);
-        let places = at.places.map(R::abs);
+        let heights = at.contact_heights.map(R::abs);
         let (half, quarter) = (self.half_height[i], R::constant(std::f64::consts::FRAC_PI_2));
-        let mut inside = half - places[i];
+        let mut inside = half - heights[i];
         let (mut touching, mut bilateral) = (Bits::MAX, Bits::MAX);
         if let Some(contacts) = contacts {
             let (free, graze, slip) = (contacts.free[i], contacts.graze[i], contacts.slip(i));
             (touching, bilateral) = (!free, 0);
             let both_free = contacts.free[0] & contacts.free[1];
-            let other = self.half_height[1 - i] - places[1 - i];
+            let other = self.half_height[1 - i] - heights[1 - i];
             inside = R::select(both_free, inside.max_in(other, R::ALL), inside);
             let mut forward = R::select(contacts.down[i], -v, v);
             let part = at.share[i].min_in(R::constant(1.0) - at.share[i], R::ALL);
@@ -218,7 +218,7 @@ impl<R: Lanes> Limits<R> {
             event(Cause::Stop, slip, forward);
             event(Cause::Release, slip, along);
             event(Cause::Share, graze, part);
-            event(Cause::Impact, free, gap.max_in(places[i] - half, R::ALL));
+            event(Cause::Impact, free, gap.max_in(heights[i] - half, R::ALL));
             // A surface of a free tip that has come to rest stays at rest.
             event(Cause::Relaxed, !(free & d_n.is_zero()), d_n);
             event(Cause::Lost, !free | both_free, inside);
@@ -238,7 +238,7 @@ impl<R: Lanes> Limits<R> {
         }
         violation(Violation::Pulling, bilateral, along, R::zero(), false);
         violation(Violation::Separated, bilateral, d_n, self.least[i], false);
-        violation(Violation::OffFace, touching, half, places[i], false);
+        violation(Violation::OffFace, touching, half, heights[i], false);
         violation(Violation::Crushed, touching, radius, d_n, true);
         violation(Violation::Folded, touching, quarter, at.tilt[i].abs(), true);
         violation(Violation::Rim, touching, self.rim(at, i), d_n, false);
@@ -295,7 +295,7 @@ impl<R: Lanes> Limits<R> {
         if contacts.free[i] == 0 {
             0
         } else {
-            contacts.free[i] & self.half_height[i].less(now.places[i].abs())
+            contacts.free[i] & self.half_height[i].less(now.contact_heights[i].abs())
         }
     }
 
@@ -325,7 +325,7 @@ task! {
         let (one, infinity, per_tilt) = (R::constant(1.0), R::constant(f64::INFINITY), R::constant(std::f64::consts::FRAC_2_PI));
         let (mut least, mut at_end) = (infinity, infinity);
         let stops = |violation| if stop_on.contains(violation) { Bits::MAX } else { 0 };
-        let inside = [limits.half_height[0] - now.places[0].abs(), limits.half_height[1] - now.places[1].abs()];
+        let inside = [limits.half_height[0] - now.contact_heights[0].abs(), limits.half_height[1] - now.contact_heights[1].abs()];
         for i in 0..2 {
             let (d_n, radius) = (now.motion.q.compression[i], limits.sides[i].radius);
             let (per_length, per_force) = (one / radius, one / (limits.modulus[i] * (radius * radius)));

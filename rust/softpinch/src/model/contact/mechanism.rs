@@ -1,7 +1,8 @@
 //! Mechanisms: what carries a tip, and where it puts the tip for a finger's coordinate.
 //!
 //! A new mechanism is a file in `mechanism/` with a function `placed` like `Jaw::placed`, an entry of [`Mechanism`] and one
-//! of [`MechanismKind`]. The paper's link has a second function, `arm`, which the compiler puts into the equations.
+//! of [`MechanismKind`], and its inertia and reach elsewhere (docs/architecture.md). The paper's link has a second function,
+//! `arm`, which is inlined into the equations.
 
 mod jaw;
 mod one_link;
