@@ -271,9 +271,7 @@ def test_toml_paths_and_errors_name_the_branch() -> None:
             sensitivities=["grasped.mass"],
         )
     two = replace(scene, hand=sp.Hand(tip=sp.Fingertip(relaxation=BRANCHES)))
-    with pytest.raises(
-        ValueError, match="Maxwell branches of a tip: 2; must be fewer: a state has no"
-    ):
+    with pytest.raises(ValueError, match=r"Maxwell branches of a tip = 2.*: must be fewer: beside"):
         sp.simulate(two, record="energy")
     assert sp.simulate(two).status == "completed"
 

@@ -254,7 +254,7 @@ def carry_limits(
     rest to rest and stays there for `settle`; a bisection finds, to 0.1 %, the peak acceleration
     above which the grasp no longer holds (`Run.holds`). A fast move ends before a grasp is lost,
     and excites it, so this limit may lie above the slow one or below it. A slower move may be lost
-    too: 30 peaks below, evenly spaced, are tried, and a loss among them is the limit. Losses
+    too: 30 peaks below a limit, evenly spaced, are tried, and a loss among them is it. Losses
     between two of these peaks can be missed, and some moves above the limit may be held.
 
         >>> import softpinch as sp
@@ -341,9 +341,8 @@ def _cause_of_loss(
     result = request.run_to_end()
     status, faults = result["status"], faults_of_steps(request, result)
     if faults or status in _FAILED:
-        why = "; ".join(faults or [result["message"], 'method="radau5", tolerance=1e-6 may do'])
-        ended = f'a move with a peak of {peak:.6g} m/s^2 ended as "{status}", not by the grasp'
-        raise ValueError(f"profile: {ended}: {why}")
+        move = f"the run of a move by {way.tolist()} m with a peak of {peak:.6g} m/s^2"
+        raise ValueError(f"profile: {move} failed: {'; '.join(faults) or result['message']}")
     cause = status if status != "completed" else next(iter(result["violations"]), "lost")
     return "" if result["holds"] else cause
 

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from .. import _core
 from ..scene import Scene, jaws
+from ..scene.parts import refuse_crossed
 from ..support.arrays import Floats
 from .options import MOST_STEPS, Options
 
@@ -92,4 +93,5 @@ def rest_scene(scene: Scene, time: float) -> _core.RestScene:
         at = scene.motion.at(time)
         if at.tilt_rate or at.tilt_acceleration:
             raise ValueError(f"Scene.motion: turns at t = {time} s, where nothing is at rest in it")
+    refuse_crossed(scene)
     return _core.RestScene(scene.parameters(), scene.inputs(), time)

@@ -96,8 +96,8 @@ def shapes(
 def require_foot(path: str, foot: float | Floats) -> None:
     """Refuses a foot of zero: the derivative is infinite below n = 2, and the foot idle at 2."""
     if not np.all(foot):
-        rule = "a force F = c d^n with n <= 2 has no derivative by it: give a foot above zero"
-        raise ValueError(f"sensitivities: {path!r} = 0: {rule}")
+        rule = "has a derivative only where n > 2 in all runs: give a foot above zero"
+        raise ValueError(f"sensitivities: {path!r}: a foot of zero {rule}")
 
 
 def count(shapes: Mapping[str, tuple[int, ...]]) -> int:

@@ -79,8 +79,8 @@ PARAMETERS = (
     Parameter("hand.right.joint_friction", "N m", (0.0, 100.0)),
     Parameter("hand.right.creep_rate", "rad/s", (1e-6, 10.0)),
     Parameter("hand.tip.radius", "m", (1e-5, 1.0), "a"),
-    # From a tenth of the softest gel to ten times the modulus of the stiffest materials.
-    Parameter("hand.tip.youngs_modulus", "Pa", (100.0, 1e13), "E"),
+    # From a tenth of the softest tip to ten times the modulus of the stiffest materials.
+    Parameter("hand.tip.youngs_modulus", "Pa", (1e3, 1e13), "E"),
     Parameter("hand.tip.normal_viscosity", "N s/m", (0.0, 1e6), "c_n"),
     Parameter("hand.tip.tangential_viscosity", "N s/m", (0.0, 1e6), "c_t"),
     Parameter("hand.tip.tilt_coupling", "1", (-10.0, 10.0), "kappa"),

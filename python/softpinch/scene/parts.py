@@ -341,7 +341,7 @@ def half_lengths(scene: Scene) -> tuple[float, float]:
 
 
 def refuse_crossed(scene: Scene) -> None:
-    """Refuses sides of the object that meet or cross between their ends; endless faces may."""
+    """Refuses sides of the object that cross; of arcs and endless faces only middles count."""
     apart, sides = sum(half_widths(scene)), sides_of(scene.grasped)
     tilts = [side.tilt if isinstance(side, Face) else 0.0 for side in sides]
     up = min(half * math.cos(tilt) for half, tilt in zip(half_lengths(scene), tilts, strict=True))

@@ -181,8 +181,9 @@ def replaced(node: Any, tree: Any) -> Any:
     if isinstance(node, Record):
         known = node.__dataclass_fields__
         own = {name: replaced(getattr(node, name), tree[name]) for name in tree if name in known}
-        # All at once, because some rules relate several fields.
-        record = replace(node, **own)
+        # All at once, because some rules relate several fields. A law takes a modulus's place.
+        usual = {"youngs_modulus": known["youngs_modulus"].default} if own.get("law") else {}
+        record = replace(node, **{**usual, **own})
         if own.keys() == tree.keys():
             return record
         # The tree names sides, so split the shared record into a pair.
@@ -207,9 +208,9 @@ def refuse_overlaps(paths: Sequence[str]) -> None:
     # The steps of each path on each side; a path that names no side leads to both. A finger and a
     # side of the object are fields of their own.
     steps = [
-        ([side, *(b for a, b in pairwise(steps) if b not in SIDES or a in ("hand", "grasped"))], k)
-        for k, steps in enumerate(["", *path.split(".")] for path in paths)
-        for side in {*SIDES}.intersection(steps) or SIDES
+        ([side, *(b for a, b in pairwise(parts) if b not in SIDES or a in ("hand", "grasped"))], k)
+        for k, parts in enumerate(["", *path.split(".")] for path in paths)
+        for side in {*SIDES}.intersection(parts) or SIDES
     ]
     # In sorted order a path comes just before those that lead into it.
     for (outer, k), (inner, m) in pairwise(sorted(steps)):
@@ -233,7 +234,7 @@ def changed(scene: Scene, values: object, named: Mapping[str, object]) -> Scene:
         taken = {path: _taken(path, locate(scene, path)[0], values[path]) for path in values}
         refuse_overlaps(list(taken))
     found: Scene = replaced(scene, tree_of(taken))
-    for path in (path for path in taken if path.count(".") == 1):  # the object's own numbers
+    for path in (path for path in taken if path.startswith("grasped.")):
         if reason := why_fixed(found, path):
             raise ValueError(f"with_: {checks.shown(path)}: {reason}")
     return found

@@ -86,7 +86,7 @@ def _beside(scene: Scene) -> Iterator[str]:
     position, tilt, _ = (scene.motion or HandMotion.constant()).compile()
     times, begin = [*position[0], *tilt[0]], getattr(scene.initial, "time", 0.0)
     end, goes_on = begin + scene.duration, getattr(scene.motion, "hold", False)
-    if len(times) > 1 and (min(times) >= end or (max(times) <= begin and not goes_on)):
+    if len(times) > 1 and (min(times) >= end or (max(times) < begin and not goes_on)):
         run = f"the run is from {begin:g} to {end:g} s"
         yield f"motion.times: the hand moves from {min(times):g} to {max(times):g} s only, {run}"
 
@@ -118,9 +118,10 @@ def _laws(scene: Scene) -> Iterator[str]:
             yield f"{path}.exponent = {law.exponent:g}: {why}; give a foot, such as foot=1e-4 m"
         if isinstance(law, TipLaw):
             a = np.asarray(scene.hand.tips[".left." in path].radius)
-            # Of springs (5) that are as stiff. Real tips have ten times the least modulus.
-            if not 1e3 <= (modulus := law._stiffness(a) / (2.0 * math.pi * a)) <= 1e13:
-                usual = "usual is from 1000 to 1e+13 Pa; is it in m and N?"
+            modulus = law._stiffness(a) / (2.0 * math.pi * a)  # of springs (5) that are as stiff
+            known = usual_range("hand.tip.youngs_modulus", (False, False))
+            if known and not known[0][0] <= modulus <= known[0][1]:
+                usual = "usual is from {:g} to {:g} Pa; is it in m and N?".format(*known[0])
                 yield f"{path}: is as stiff as springs with a modulus of {modulus:.3g} Pa: {usual}"
 
 
@@ -183,7 +184,8 @@ def _other_inertia(scene: Scene) -> Iterator[str]:
     least, most = inertias(across, grasped.mass, grasped.height)
     if _SMALLER * least <= grasped.inertia <= most / _SMALLER:
         return
-    maker = "disc(diameter" if isinstance(grasped.right, Arc) else "box(width, height"
+    arcs = isinstance(grasped.right, Arc) and isinstance(grasped.left, Arc)
+    maker = "disc(diameter" if arcs else "box(width, height"
     tall = "" if grasped.height is None else f" and {grasped.height:g} m tall"
     yield (
         f"grasped.inertia = {grasped.inertia:g} kg m^2: usual for {grasped.mass:g} kg, "

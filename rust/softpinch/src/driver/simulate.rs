@@ -112,11 +112,9 @@ pub(crate) fn require_valid(scene: &Scene, options: &Options) -> Result {
         rule.check(format_args!("stabilization.{name}"), value)?;
     }
     let initial = &scene.initial;
-    if !options.fits(scene) {
-        let rule =
-            "must be fewer: a state has no place for the energy ledger or slip_distance beside so many";
-        return Err(Error::shape("Maxwell branches of a tip", scene.parameters.branches(), rule));
-    }
+    let branches = scene.parameters.branches() as f64;
+    let rule = "must be fewer: beside so many a state has no place for the ledger or slip_distance";
+    require(options.fits(scene), "Maxwell branches of a tip", branches, rule)?;
     if scene.inputs.fingers == Fingers::Driven {
         scene.inputs.require_smooth(initial.time, initial.time + scene.duration)?;
         require_scheduled(&scene.parameters, &scene.inputs, initial)?;

@@ -11,8 +11,8 @@
 //!
 //! h_i and n_i are the rows of Phi, c_i is the generalised force of a tip's couple. Eliminating a leaves a
 //! 4 x 4 system for u. It is solved by LU without pivots, the finger that grazes last: as long as friction is
-//! below the critical coefficient, the leading minors are positive. It is not symmetric; with two tips that graze and fingers
-//! that turn neither, it is singular, and the choice of modes takes no such pair.
+//! below the critical coefficient, the leading minors are positive. It is not symmetric. It is
+//! singular if both tips graze and neither finger turns its tip; such a pair of modes is never chosen.
 
 use crate::model::{Contacts, Coordinates, Geometry, Parts, Plant, each_coordinate};
 use crate::number::{LaneTask, Real, signed, task};

@@ -31,23 +31,24 @@ impl ContactJump {
         let Some(friction) = equations.friction() else { return };
         let (plant, zero) = (equations.plant(), R::zero());
         let geometry = Geometry::<R, E::Parts>::of(&plant.sides, q, p);
-        let (gaps, velocity) = (geometry.residuals(), geometry.constraint_velocity());
         match *self {
-            Self::Meet(i) => q.compression[i] = q.compression[i] - gaps[i],
+            Self::Meet(i) => q.compression[i] = q.compression[i] - geometry.residuals()[i],
             Self::Relax(i) => {
                 (q.compression[i], q.shear[i], p.compression[i], p.shear[i]) = (zero, zero, zero, zero);
             }
             Self::Impact(modes) => {
+                let bias = geometry.constraint_velocity();
                 let (pair, mut contacts) = ([zero; 2], Contacts::sticking());
                 for lane in 0..R::WIDTH {
                     contacts.set(lane, modes, [0.0; 2]);
                 }
                 let force = Coordinates { object: *impulse, ..Coordinates::zero() };
-                let load = Load { force, couple: pair, friction, bias: velocity, finger_acceleration: pair };
+                let load = Load { force, couple: pair, friction, bias, finger_acceleration: pair };
                 let change = response(plant.driven, &geometry, plant, &contacts, &load).acceleration;
                 *p = each_coordinate!([p, change] => p + change);
             }
             Self::Absorb(contacts) => {
+                let gaps = geometry.residuals();
                 for i in 0..2 {
                     if contacts[i].0 {
                         q.compression[i] = q.compression[i] - gaps[i];

@@ -4,8 +4,8 @@
 //! free tip keeps its own mass, spring and damper. The tilt in its elastic energy is frozen at its value at
 //! the release, and its couple acts on nothing. Events change the modes.
 //!
-//! Contacts that are not the paper's, of jaws, arcs and tips that relax, have these equations (of [`Others`](crate::model::Others)) in bilateral contact
-//! too, where both tips stick, and in one piece of code for all formulations. So the code of the paper's contacts has no branch
+//! Contacts that are not the paper's, of jaws, arcs and tips that relax, have these equations in bilateral contact too: both
+//! tips stick then. All formulations share one piece of code for them, that of [`Others`](crate::model::Others). So the code of the paper's contacts has no branch
 //! for others, and loops, methods and solves are not multiplied by their kinds. Other laws of the tip need no other equations:
 //! those of the paper call them.
 

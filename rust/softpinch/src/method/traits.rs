@@ -40,7 +40,7 @@ pub struct Stats {
 }
 
 impl Stats {
-    /// Adds the work of steps that are no steps of the run.
+    /// Adds the work of inner steps, which are not counted as steps.
     pub fn add(&mut self, other: &Self) {
         self.evaluations += other.evaluations;
         self.jacobians += other.jacobians;

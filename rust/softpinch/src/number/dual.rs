@@ -105,8 +105,8 @@ impl<R: Real, const W: usize> Neg for Dual<R, W> {
 
 impl<R: Real> Compose for Dual<R, 1> {}
 
-/// The numbers of Jacobians in lanes. Parameters have no derivatives there, so the chain rule needs those of the functions in
-/// one direction.
+/// The numbers of Jacobians in lanes. Parameters are constants there, so one derivative of the functions is enough, and the
+/// chain rule gives all three directions.
 impl<R: Real> Compose for Dual<R, 3> {
     #[inline(always)]
     fn compose<const N: usize>(self, functions: &impl Functions<Self, N>) -> [Self; N] {

@@ -95,7 +95,7 @@ pub trait Functions<P, const N: usize> {
     fn at<R: Lift<P>>(&self, x: R) -> [R; N];
 }
 
-/// Numbers of which functions can be taken.
+/// Numbers to which functions of one number can be applied.
 pub trait Compose: Sized {
     /// The values of functions of this number.
     #[inline(always)]

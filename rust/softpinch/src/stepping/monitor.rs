@@ -159,8 +159,8 @@ impl<R: Lanes> Limits<R> {
         found
     }
 
-    /// d_n plus the radius times what |sin theta_p| lacks to be at the rim of tip `i`. On a face this is the compression at the
-    /// rim.
+    /// d_n plus the radius times the distance of |sin theta_p| from its value at the rim of tip `i`; on a face, the compression
+    /// at the rim.
     #[inline(always)]
     fn rim(&self, at: &Evaluation<R>, i: usize) -> R {
         let (d_n, radius) = (at.motion.q.compression[i], self.sides[i].radius);
