@@ -19,7 +19,7 @@ from .contact import coefficients
 from .control import SampledController
 from .fields import COORDINATE_RANGES, COORDINATE_UNITS, Unit, of_coordinates, units, usual_range
 from .loop_matrix import common_period, growth
-from .motion import HandMotion
+from .motion import TimedMotion
 from .outline import closing, compression
 from .parts import Arc, MeasuredLaw, PowerLaw, TipLaw, in_words, jaws, refuse_crossed, width
 from .schedule import default_schedule
@@ -83,12 +83,13 @@ def suspicions(scene: Scene) -> tuple[str, ...]:
 
 def _beside(scene: Scene) -> Iterator[str]:
     """Yields a message about a motion that is over before the run, or begins after it."""
-    position, tilt, _ = (scene.motion or HandMotion.constant()).compile()
-    times, begin = [*position[0], *tilt[0]], getattr(scene.initial, "time", 0.0)
+    if not isinstance(scene.motion, TimedMotion):
+        return
+    times, begin = scene.motion.times, getattr(scene.initial, "time", 0.0)
     end, goes_on = begin + scene.duration, getattr(scene.motion, "hold", False)
-    if len(times) > 1 and (min(times) >= end or (max(times) < begin and not goes_on)):
+    if len(times) > 1 and (times[0] >= end or (times[-1] < begin and not goes_on)):
         run = f"the run is from {begin:g} to {end:g} s"
-        yield f"motion.times: the hand moves from {min(times):g} to {max(times):g} s only, {run}"
+        yield f"motion.times: the hand moves from {times[0]:g} to {times[-1]:g} s only, {run}"
 
 
 def _heavy_tips(scene: Scene) -> Iterator[str]:

@@ -50,7 +50,7 @@ macro_rules! laws {
                 }
             }
 
-            /// The curve at a compression that is not negative; that of (5) at any.
+            /// The curve at a compression that is not negative.
             #[inline(always)]
             fn curve<T: Lift<R>>(&self, d: T) -> Curve<T> {
                 match self {
